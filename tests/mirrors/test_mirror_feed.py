@@ -98,7 +98,7 @@ def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
     primary = Upstream.__new__(Upstream)
     ask: Callable[..., wire.Message] = lambda *_: {"instance": "i", **value}  # noqa: E731
     cast(Any, primary)._ask = ask
-    cast(Any, primary)._hello = {}
+    cast(Any, primary).hello = {}
     with pytest.raises(ProtocolError):
         primary.status()
 

@@ -5,9 +5,10 @@ listens and asks.
 
 One thread receives the messages from Zenoh and applies them. Zenoh's threads only put them into a
 ring, which drops its oldest messages when the thread falls behind: they are then asked for again.
-Each request has a thread of its own while it is under way, so that the stream does not wait for it.
-Another thread compares the clocks, and subscribes again if the stream is silent though the server
-answers: a server sends ten heartbeats a second.
+Each request is a routine of its own while it is under way, so that the stream does not wait for it.
+Another routine compares the clocks, and subscribes again if the stream is silent though the server
+answers: a server sends ten heartbeats a second. A `Runner` has the threads: `own_threads` of a
+mirror, or one thread for all robots of a site.
 
 Thread safety: all methods.
 
@@ -22,12 +23,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 from zenoh.handlers import RingChannel
 
-from .. import threads, wire
+from .. import wire
 from .._net.server_clock import COMPARISONS, ServerClock, now_ns
 from ..errors import (
     ProtocolError,
@@ -40,15 +41,18 @@ from ..errors import (
 from ..tree import TransformTree
 from .copy import Observer
 from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
+from .own_threads import OwnThreads
 from .source import Source, State
+from .steps import Ask, AskStatus, Pause, Runner, Steps
 from .stream_guard import Alarm, StreamSenders, is_ahead
 
 log = logging.getLogger("zenoh_tf.mirror")
 
 #: Messages between Zenoh and the thread. A server's message has 256 kB, or one commit.
 _RING_MESSAGES: Final = 256
-#: Messages that are applied at once: a busy program lets the thread run only now and then.
-_BATCH_MESSAGES: Final = 16
+#: Messages, and bytes of them, that `poll` applies at once: feeds that share a thread take turns.
+_POLL_MESSAGES: Final = 16
+_POLL_BYTES: Final = 1 << 18
 #: A request that failed is repeated after a pause, which doubles.
 _FIRST_PAUSE_S: Final = 0.05
 _LONGEST_PAUSE_S: Final = 0.5
@@ -78,13 +82,15 @@ class MirrorFeed:
         observer: Observer | None = None,
         *,
         keeps_tree: bool = True,
+        runner: Runner | None = None,
     ) -> None:
         """Begin to listen. Calls `on_copy` with each new copy of the tree and its instance, before
         `state` has it, and with None at the end.
 
         Raises ServerUnavailable if the connection is closed.
         """
-        self._source = source
+        self.source = source
+        self._runner: Runner = runner or OwnThreads()
         self._on_copy = on_copy
         #: Called after each change and at the end, under the lock. Must not wait.
         self.on_change: Callable[[], object] = lambda: None
@@ -108,10 +114,10 @@ class MirrorFeed:
         self._senders = StreamSenders(source.tree, interest.id if interest else "")
         self._is_silent = True  # since the last check; read and written without the lock
         self._clock = ServerClock()
-        self._subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
-        self._thread = threading.Thread(target=self._listen, name="mirror", daemon=True)
-        self._thread.start()
-        self._in_thread(self._watch)
+        #: Another one once the stream was silent.
+        self.subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
+        self._thread = self._runner.listen(self)
+        self._runner.run(self, self._watch())
 
     # --- what the mirror reads
 
@@ -163,59 +169,66 @@ class MirrorFeed:
 
     def close(self) -> None:
         """Listen no more. May be called again."""
-        if not self._source.unsubscribe(self._subscriber):
+        if not self.source.unsubscribe(self.subscriber):
             return
         self.closed = True
         if threading.current_thread() is not self._thread:
             self._ended.wait(_JOIN_TIMEOUT_S)
 
+    # --- what the runner calls
+
+    def wait_for_end(self, timeout_s: float) -> bool:
+        """Wait until the feed has ended. False: it has not in time."""
+        return self._ended.wait(timeout_s)
+
+    def poll(self) -> bool:
+        """Apply messages that have come, without waiting for others. False: the feed has ended.
+        Thread safety: one thread."""
+        subscriber = self.subscriber
+        batch: list[zenoh.Sample] = []
+        size = 0
+        try:
+            receive = subscriber.handler.try_recv
+            while len(batch) < _POLL_MESSAGES and size < _POLL_BYTES and (sample := receive()):
+                batch.append(sample)
+                size += len(sample.payload)
+        except zenoh.ZError:  # undeclared
+            self.closed = self.closed or subscriber is self.subscriber
+        if batch:
+            self.take(batch)
+        if self.closed:
+            self.end()
+        return not self.closed
+
+    def take(self, batch: list[zenoh.Sample]) -> None:
+        """Apply messages."""
+        self._is_silent = False
+        for sample in batch:
+            sender = self._senders.instance(str(sample.key_expr))
+            if sender is not None:
+                self._received(sender, sample.payload.to_bytes())
+
     # --- the stream
 
-    def _listen(self) -> None:
-        """Apply messages until the mirror or the connection is closed."""
-        try:
-            while not self.closed:
-                subscriber = self._subscriber
-                with contextlib.suppress(zenoh.ZError):  # undeclared
-                    self._listen_to(subscriber.handler)
-                if subscriber is self._subscriber:  # no other one has taken its place
-                    break
-        except ServerUnavailable:  # the connection is closed
-            pass
-        finally:
-            self._end()
-
-    def _listen_to(self, receiver: Any) -> None:
-        while not self.closed:
-            with self._source.calls:
-                batch = [receiver.recv()]
-                while len(batch) < _BATCH_MESSAGES and (sample := receiver.try_recv()):
-                    batch.append(sample)
-            self._is_silent = False
-            for sample in batch:
-                sender = self._senders.instance(str(sample.key_expr))
-                if sender is not None:
-                    self._received(sender, sample.payload.to_bytes())
-
-    def _watch(self) -> None:
+    def _watch(self) -> Steps[None]:
         """Compare the clocks now and then, and subscribe again if the stream is silent."""
-        self._compare_clocks()
+        yield from self._compare_clocks()
         with self._changed:
             self._proceed()
         silent_periods = 0
         for period in itertools.count():
-            if self._ended.wait(_WATCH_PERIOD_S):
+            if (yield Pause(_WATCH_PERIOD_S)):
                 return
             silent_periods = silent_periods + 1 if self._is_silent else 0
             self._is_silent = True
-            if self._interest and silent_periods and self._compare_clocks():
+            if self._interest and silent_periods and (yield from self._compare_clocks()):
                 self._restart()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:
-                if self._compare_clocks():
+                if (yield from self._compare_clocks()):
                     self._subscribe_again()
                     silent_periods = 0
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
-                self._compare_clocks()
+                yield from self._compare_clocks()
 
     def _restart(self) -> None:
         with self._changed:
@@ -224,11 +237,11 @@ class MirrorFeed:
                 self._proceed()
 
     def _subscribe_again(self) -> None:
-        log.info("the commit stream of tree %r is silent: subscribing again", self._source.tree)
-        old = self._subscriber
+        log.info("the commit stream of tree %r is silent: subscribing again", self.source.tree)
+        old = self.subscriber
         with contextlib.suppress(ServerUnavailable, zenoh.ZError):
-            self._subscriber = self._source.subscribe(RingChannel(_RING_MESSAGES))
-            self._source.unsubscribe(old)  # now that the thread finds the other one
+            self.subscriber = self.source.subscribe(RingChannel(_RING_MESSAGES))
+            self.source.unsubscribe(old)  # now that the thread finds the other one
             if self.closed:  # meanwhile
                 self.close()
 
@@ -236,7 +249,7 @@ class MirrorFeed:
         with self._changed:
             if self._mirroring.followed not in ("", sender):
                 if not self._is_checking:  # it may be a new server, or anybody's
-                    self._is_checking = self._in_thread(self._check_server)
+                    self._is_checking = self._runner.run(self, self._check_server())
                 return
             try:
                 self._mirroring.received(data, sender)
@@ -257,7 +270,7 @@ class MirrorFeed:
         self._alarm.record(m.contradictions)
         has_copy = self._take_copy()
         for request in m.requests():
-            if not self._in_thread(self._ask, request):
+            if not self._runner.run(self, self._ask(request)):
                 m.failed(request.number)  # the next message sends it again
         if has_copy:
             self.state = State(m.tree, m.instance, m.seq, m.clock_ns, m.synced)
@@ -278,7 +291,8 @@ class MirrorFeed:
                 self._mirroring.restart()  # its request waits for its turn
         return tree is not self._refused or tree is None
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """There are no more messages: the feed or its connection is closed."""
         with self._changed:
             self.closed = True
             self.state = State()
@@ -287,32 +301,23 @@ class MirrorFeed:
             self.on_change()
         self._ended.set()
 
-    # --- requests, each on a thread of its own
+    # --- requests, each a routine of its own
 
-    @staticmethod
-    def _in_thread(work: Callable[..., None], *arguments: object) -> bool:
-        """Start a thread. False: there are too many, or the program is ending."""
-        try:
-            threads.start("mirror request", work, *arguments)
-        except RuntimeError:
-            return False
-        return True
-
-    def _ask(self, request: MirrorRequest) -> None:
+    def _ask(self, request: MirrorRequest) -> Steps[None]:
         """Send a request, and apply its reply."""
         is_plan = request.request_type == "snapshot" and "piece" not in request.body
-        if is_plan and not self._wait_for_turn(request):
+        if is_plan and not (yield from self._wait_for_turn(request)):
             return
         begin_ns = now_ns()
         try:
-            reply = self._source.ask(request.request_type, dict(request.body))
+            reply = yield Ask(request.request_type, dict(request.body))
             if is_plan:
                 if self._interest is not None and "kind" not in reply:
                     raise ServerUnavailable("the server knows no interests")
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
                 self._clock.compared(instance, begin_ns, clock_ns)
         except Exception as error:
-            self._fail(request, error)
+            yield from self._fail(request, error)
             return
         with self._changed:
             try:
@@ -322,7 +327,7 @@ class MirrorFeed:
                 self._mirroring.restart()
             self._proceed()
 
-    def _wait_for_turn(self, request: MirrorRequest) -> bool:
+    def _wait_for_turn(self, request: MirrorRequest) -> Steps[bool]:
         """Wait until the next snapshot may begin. False: this one is of no use any more."""
         while True:
             with self._changed:
@@ -332,9 +337,9 @@ class MirrorFeed:
                 if pause_s <= 0:
                     self._next_snapshot_s = time.monotonic() + _SNAPSHOT_PERIOD_S
                     return True
-            self._ended.wait(pause_s)
+            yield Pause(pause_s)
 
-    def _fail(self, request: MirrorRequest, error: Exception) -> None:
+    def _fail(self, request: MirrorRequest, error: Exception) -> Steps[None]:
         """Record why a request failed. After a pause it is sent again."""
         if not isinstance(error, TransformException):
             log.error("internal error while a mirror sent a request", exc_info=error)
@@ -344,7 +349,7 @@ class MirrorFeed:
             self._failures += 1
             self._changed.notify_all()
             pause_s = min(_FIRST_PAUSE_S * 2 ** min(self._failures, 10), _LONGEST_PAUSE_S)
-        if not self._ended.wait(pause_s):
+        if not (yield Pause(pause_s)):
             with self._changed:
                 self._mirroring.failed(request.number, error)
                 self._proceed()
@@ -355,11 +360,11 @@ class MirrorFeed:
 
     # --- clocks
 
-    def _compare_clocks(self) -> bool:
+    def _compare_clocks(self) -> Steps[bool]:
         """Compare this machine's clock with the server's. False: it does not answer."""
         state, begin_ns = self.state, now_ns()
         try:
-            server = self._source.status()
+            server = yield AskStatus()
         except TransformException:
             return False
         self._clock.compared(server.instance, begin_ns, server.clock_ns)
@@ -370,16 +375,14 @@ class MirrorFeed:
                     self._proceed()
         return True
 
-    def _check_server(self) -> None:
+    def _check_server(self) -> Steps[None]:
         """Follow the server that answers now, if it is another one."""
-        try:
-            instance = self._source.status().instance
-        except TransformException:
-            return
-        finally:
-            self._ended.wait(_CHECK_PERIOD_S)
-            self._is_checking = False
+        instance = ""
+        with contextlib.suppress(TransformException):
+            instance = (yield AskStatus()).instance
+        yield Pause(_CHECK_PERIOD_S)
+        self._is_checking = False
         with self._changed:
-            if self._mirroring.followed not in ("", instance):
+            if instance and self._mirroring.followed not in ("", instance):
                 self._mirroring.restart()
                 self._proceed()

@@ -1,8 +1,8 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-`calls` batches, info and admin requests, `stream` what mirrors follow, and `interest` which part of
-it. docs/reference/protocol.md describes it for other languages.
+`calls` batches, info and admin requests, `stats` counters, `stream` what mirrors follow, and
+`interest` which part of it. docs/reference/protocol.md describes it for other languages.
 """
 
 from .calls import (
@@ -84,6 +84,7 @@ from .replica import (
     parse_replica,
     with_field,
 )
+from .stats import parse_stats, stats_value
 from .stream import (
     NO_BOUNDS,
     Changes,
@@ -186,6 +187,7 @@ __all__ = [
     "parse_snapshot_piece",
     "parse_snapshot_plan",
     "parse_snapshot_request",
+    "parse_stats",
     "parse_stream",
     "parse_value",
     "parse_write",
@@ -196,6 +198,7 @@ __all__ = [
     "snapshot_piece_reply",
     "snapshot_plan_reply",
     "snapshot_request",
+    "stats_value",
     "stream_body",
     "text",
     "texts",

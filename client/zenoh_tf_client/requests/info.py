@@ -124,7 +124,8 @@ def chain(target: str, source: str, stamp_ns: int | None = None) -> Request[list
 
 
 def stats() -> Request[dict[str, int]]:
-    return _info(dict, "stats")
+    body = wire.call_body("stats")
+    return Call("info", body, lambda reply: wire.parse_stats(wire.parse_value(reply, dict)))
 
 
 def cancel(wait_ids: Sequence[int]) -> Request[list[int]]:

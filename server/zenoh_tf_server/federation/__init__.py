@@ -1,6 +1,7 @@
 """A site's server gathers the trees of robots (``--mirror-of``).
 
-`settings` has the flags, `robot` listens to one robot, and `rows` turns its changes into puts.
+`settings` has the flags, `robot` listens to one robot, `pool` has the threads of all, and `rows`
+turns changes into puts.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from ..limits import Limits
 from ..requests.service import Service
 from ..security.settings import Security
 from . import quota
+from .pool import Pool
 from .robot import Robot
 from .settings import FederationSettings
 
@@ -35,15 +37,25 @@ class Robots:
     ) -> None:
         self._service = service
         share = quota.default_share(limits, len(settings.links))
+        self._pool = Pool()
         self._robots = [
-            Robot(link, settings.shared, security.credentials, limits, service, share)
-            for link in settings.links
+            Robot(
+                address,
+                settings.shared,
+                security.credentials,
+                limits,
+                service,
+                share,
+                self._pool,
+            )
+            for address in settings.links
         ]
         self._sums: Mapping[str, Mapping[str, int]] = {}
         self._sums_until_s = 0.0
 
     def start(self, ingest: Ingest) -> None:
         """Connect to each robot, and begin to listen."""
+        self._pool.start()
         for robot in self._robots:
             robot.start(ingest)
 
@@ -51,6 +63,7 @@ class Robots:
         """Listen no more."""
         for robot in self._robots:
             robot.close()
+        self._pool.close()
 
     def counters(self) -> dict[str, Any]:
         """Counters for `stats`: FIELD/ROBOT, in `metric_table.FROM_ROBOTS`."""

@@ -1,6 +1,6 @@
-"""Listens to the server of one robot, over a Zenoh session of its own.
+"""Listens to the server of one robot, over a Zenoh session of its own, or over the site's.
 
-A robot that is away, frozen or wrong holds up its own threads only. Its feed continues by itself
+A robot that is away, frozen or wrong holds nobody up: see `pool`. Its feed continues by itself
 when it is back, also with another server: see `zenoh_tf.mirrors.feed`.
 
 Thread safety: all methods.
@@ -8,6 +8,7 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import threading
 from collections.abc import Iterator
@@ -29,9 +30,10 @@ from ..process.network import open_client_session
 from ..process.upstream import Upstream
 from ..rate_limited_log import RateLimitedLog
 from ..requests.service import Service
+from .pool import Pool
 from .quota import FrameQuota
 from .rows import Rows
-from .settings import Link
+from .settings import RobotAddress
 
 #: How long one attempt to connect may take.
 CONNECT_TIMEOUT_S: Final = 5.0
@@ -39,7 +41,10 @@ CONNECT_TIMEOUT_S: Final = 5.0
 _SILENT_S: Final = 2.0
 #: The longest age that is reported.
 _MAX_AGE_S: Final = 1e9
+#: Between attempts to connect, which grow to the last one, and the time that each may take.
 _PAUSE_S: Final = 1.0
+_LONGEST_PAUSE_S: Final = 8.0
+_RETRY_TIMEOUT_S: Final = 1.0
 #: Puts that are queued at once.
 _BATCH_BYTES: Final = 1 << 20
 
@@ -51,48 +56,51 @@ class Robot:
 
     def __init__(
         self,
-        link: Link,
+        address: RobotAddress,
         shared: tuple[str, ...],
         credentials: Credentials,
         limits: Limits,
         service: Service,
         share: int,
+        pool: Pool,
     ) -> None:
-        """`share`: how many frames of the tree it may have, unless its link says so."""
-        self.name = link.name
-        self._link = link
-        interest = link.share.interest
+        """`share`: how many frames of the tree it may have, unless its address says so."""
+        self.name = address.name
+        self._address = address
+        interest = address.share.interest
         self._silent_s = _SILENT_S + (interest.period_ns / 1e9 if interest else 0.0)
-        if zenoh_config.protocol(link.endpoint) not in zenoh_config.TLS_PROTOCOLS:
+        if zenoh_config.protocol(address.endpoint) not in zenoh_config.TLS_PROTOCOLS:
             credentials = replace(credentials, ca=None, certificate=None, key=None)
         self._credentials = credentials
         self._limits = limits
+        self._pool = pool
         self._own_instance = service.instance
         self._refusals = service.refusals
         self._quota_log = RateLimitedLog(log)
         self._ingest: Ingest | None = None
-        self._closed = threading.Event()
-        self._lock = threading.Lock()  # of the next two
+        self._lock = threading.Lock()  # of the next three
+        self._runs = 0  # how often it was closed
         self._session: zenoh.Session | None = None
         self._feed: MirrorFeed | None = None
         # The rest is guarded by the feed's lock.
-        self._quota = FrameQuota(link.name, service.tree, link.share.max_frames or share)
-        self._rows = Rows(link.name, shared, limits.rows, self._quota, self._refuse)
+        self._quota = FrameQuota(address.name, service.tree, address.share.max_frames or share)
+        self._rows = Rows(address.name, shared, limits.rows, self._quota, self._refuse)
         self._copy_seq = 0  # of the last commit in the copy that began
         self._is_self = False
 
-    def start(self, ingest: Ingest) -> None:
-        """Connect and listen, in the background."""
+    def start(self, ingest: Ingest, session: zenoh.Session | None = None) -> None:
+        """Listen, in the background: over a session that there is, or one of its own."""
         self._ingest = ingest
-        threads.start(f"robot {self.name}", self._connect)
+        self._pool.spawn(self._connect() if session is None else self._listen(session))
 
     def close(self) -> None:
-        """Listen no more. Returns at once: closing the session of a frozen robot may last long."""
-        self._closed.set()
+        """Listen no more, until it is started again. Returns at once: closing the session of a
+        frozen robot may last long."""
         with self._lock:
             feed, session = self._feed, self._session
             self._feed = self._session = None
-        if feed is not None and session is not None:
+            self._runs += 1
+        if feed is not None:
             threads.start("robot leave", _leave, feed, session)
 
     def counters(self) -> dict[str, Any]:
@@ -111,54 +119,63 @@ class Robot:
             "removals": rows.removals,
         }
 
-    # --- the thread that connects
+    # --- on the pool's thread
 
-    def _connect(self) -> None:
-        is_first = True
-        while not self._closed.is_set():
+    async def _connect(self) -> None:
+        run, is_first, pause_s = self._runs, True, _PAUSE_S
+        while run == self._runs:
             try:
-                session = open_client_session(
-                    self._link.endpoint, CONNECT_TIMEOUT_S, self._limits, self._credentials
+                session = await self._pool.block(
+                    open_client_session,
+                    self._address.endpoint,
+                    CONNECT_TIMEOUT_S if is_first else _RETRY_TIMEOUT_S,
+                    self._limits,
+                    self._credentials,
                 )
             except zenoh.ZError as error:
                 log.debug("robot %r: %s", self.name, error)
                 if is_first:
-                    self._warn()
+                    await self._pool.block(self._warn)
                 is_first = False
-                self._closed.wait(_PAUSE_S)
+                await asyncio.sleep(pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
                 continue
             try:
-                self._listen(session)
+                await self._listen(session, is_own=True)
             except (zenoh.ZError, TransformException) as error:
                 log.warning("robot %r: %s; connecting again", self.name, error)
-                session.close()
-                self._closed.wait(_PAUSE_S)
+                await self._pool.block(session.close)
+                await asyncio.sleep(_PAUSE_S)
                 continue
             return
 
     def _warn(self) -> None:
-        link = self._link
+        address = self._address
         failure = connect_failure.explain(
-            link.endpoint, link.tree, CONNECT_TIMEOUT_S, self._credentials
+            address.endpoint, address.tree, CONNECT_TIMEOUT_S, self._credentials
         )
         log.warning("robot %r cannot be reached yet, trying on: %s", self.name, failure)
 
-    def _listen(self, session: zenoh.Session) -> None:
-        interest = self._link.share.interest
+    async def _listen(self, session: zenoh.Session, *, is_own: bool = False) -> None:
+        run, interest = self._runs, self._address.share.interest
         name = f"the server of robot {self.name!r}"
-        source = Upstream(session, self._link.tree, name, interest=interest)
-        feed = MirrorFeed(source, self._on_copy, interest, observer=self, keeps_tree=False)
+        source = Upstream(session, self._address.tree, name, interest=interest)
+        feed = MirrorFeed(
+            source, self._on_copy, interest, observer=self, keeps_tree=False, runner=self._pool
+        )
+        own_session = session if is_own else None
         with self._lock:
-            is_late = self._closed.is_set()
+            is_late = run != self._runs
             if not is_late:
-                self._session, self._feed = session, feed
+                self._session, self._feed = own_session, feed
         if is_late:
-            _leave(feed, session)
+            threads.start("robot leave", _leave, feed, own_session)
             return
+        await asyncio.sleep(CONNECT_TIMEOUT_S)
         try:
-            feed.wait_for_copy(CONNECT_TIMEOUT_S)
+            feed.wait_for_copy(0)
         except TransformException as error:
-            if not self._closed.is_set():
+            if run == self._runs:
                 log.warning("robot %r has not sent its tree yet, trying on: %s", self.name, error)
 
     # --- what the feed calls, under its lock; see `mirrors.copy.Observer`
@@ -195,7 +212,7 @@ class Robot:
 
     def _add(self, puts: Iterator[Put], *, wait: bool) -> None:
         assert self._ingest is not None
-        if self._is_self or self._closed.is_set():
+        if self._is_self:
             return
         batch: list[Put] = []
         size = 0
@@ -209,6 +226,7 @@ class Robot:
             self._ingest.add(batch, wait=wait)
 
 
-def _leave(feed: MirrorFeed, session: zenoh.Session) -> None:
+def _leave(feed: MirrorFeed, session: zenoh.Session | None) -> None:
     feed.close()
-    session.close()
+    if session is not None:
+        session.close()

@@ -36,7 +36,7 @@ class Share:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class RobotAddress:
     """A robot's tree: ``NAME=ENDPOINT/TREE``, and its share."""
 
     name: str  # also the prefix of its frames, and of its authorities
@@ -49,7 +49,7 @@ class Link:
 class FederationSettings:
     """What the flags of `add_flags` say."""
 
-    links: tuple[Link, ...] = ()
+    links: tuple[RobotAddress, ...] = ()
     shared: tuple[str, ...] = ()
 
 
@@ -94,7 +94,7 @@ def from_flags(options: argparse.Namespace) -> FederationSettings:
     return FederationSettings(tuple(options.mirror_of), tuple(options.mirror_shared))
 
 
-def _link(text: str) -> Link:
+def _link(text: str) -> RobotAddress:
     match = _LINK.fullmatch(text)
     if match is None:
         raise argparse.ArgumentTypeError(
@@ -103,7 +103,7 @@ def _link(text: str) -> Link:
             "'=', ',' or space"
         )
     try:
-        link = Link(
+        link = RobotAddress(
             match["name"], match["endpoint"], match["tree"] or "main", _share(match["options"])
         )
         zenoh_config.check_endpoint(link.endpoint)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Final
 
@@ -52,7 +52,8 @@ class Upstream:
         )
         #: What its rules allow this server, as it said last; None if it has no rules.
         self.access: dict[str, Any] | None = None
-        self._hello = wire.call_body("hello", user=user, client=own_id)
+        #: The body of a `hello`.
+        self.hello = wire.call_body("hello", user=user, client=own_id)
         self._token = session.liveliness().declare_token(keys.client(tree, own_id))
 
     @property
@@ -74,7 +75,7 @@ class Upstream:
         deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
         while True:
             try:
-                self._say_hello(1.0)
+                self.status_of(self._ask("hello", self.hello, 1.0))
                 return
             except ServerUnavailable as error:
                 if time.monotonic() < deadline_s:
@@ -108,25 +109,47 @@ class Upstream:
 
     def status(self) -> ServerStatus:
         """Ask the primary for its instance id, its clock and its last commit."""
-        reply = self._say_hello(_REPLY_TIMEOUT_S)
+        return self.status_of(self._ask("hello", self.hello, _REPLY_TIMEOUT_S))
+
+    def status_of(self, reply: wire.Message) -> ServerStatus:
+        """What the reply to `hello` says; keeps what the rules allow."""
         value = wire.mapping(reply, "value")
+        access = value.get("access")
+        if access is not None:
+            access = {field: list(wire.texts(access, field)) for field in ("may", "publish")}
+        self.access = access
         return ServerStatus(
             wire.text(reply, "instance"),
             wire.integer(value, "clock_ns"),
             wire.integer(value, "seq") if "seq" in value else None,
         )
 
-    def _say_hello(self, timeout_s: float) -> wire.Message:
-        reply = self._ask("hello", self._hello, timeout_s)
-        access = wire.mapping(reply, "value").get("access")
-        if access is not None:
-            access = {field: list(wire.texts(access, field)) for field in ("may", "publish")}
-        self.access = access
-        return reply
+    def send(
+        self,
+        request_type: str,
+        body: wire.Message,
+        replied: Callable[[zenoh.Reply], None],
+        ended: Callable[[], None],
+    ) -> None:
+        """Send a request, and return without its reply; see `Queries.send`."""
+        token = zenoh.CancellationToken()
+        payload = wire.pack(body)
+        self._queries.send(
+            self._key(request_type), payload, _REPLY_TIMEOUT_S, replied, ended, token
+        )
+
+    def reply(self, data: bytes | None) -> wire.Message:
+        """The reply in the bytes of one; None: none came. Raises the error that it carries."""
+        return self._parse(self._queries.outcome(data, _REPLY_TIMEOUT_S))
 
     def _ask(self, request_type: str, body: wire.Message, timeout_s: float) -> wire.Message:
-        key = zenoh.KeyExpr(keys.request(self._tree, request_type))
-        reply = self._queries.ask(key, wire.pack(body), timeout_s)
+        return self._parse(self._queries.ask(self._key(request_type), wire.pack(body), timeout_s))
+
+    def _key(self, request_type: str) -> zenoh.KeyExpr:
+        return zenoh.KeyExpr(keys.request(self._tree, request_type))
+
+    @staticmethod
+    def _parse(reply: bytes | NoReply) -> wire.Message:
         if isinstance(reply, NoReply):
             raise ServerUnavailable(reply.reason)
         message = wire.unpack(reply, wire.MAX_REPLY_BYTES)

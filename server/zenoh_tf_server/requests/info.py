@@ -134,12 +134,12 @@ class InfoRequests:
         _charge(budget, len(records) * _RECORD)
         return [{**record, "address": addresses.get(record["client"])} for record in records]
 
-    def _stats_of(self, budget: Budget) -> dict[str, int]:
+    def _stats_of(self, budget: Budget) -> wire.Message:
         frames = self._tree._frame_count()
         budget.take_listed(1)
         _charge(budget, frames)
         counts: dict[str, int] = self._stats.value(frames)
-        return counts | self._counters()
+        return wire.stats_value(counts | self._counters())
 
     def _chain(self, message: wire.Message, budget: Budget) -> list[str]:
         target, source = self._frame(message, "target"), self._frame(message, "source")

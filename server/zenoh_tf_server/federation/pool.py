@@ -1,0 +1,154 @@
+"""One thread runs the feeds of all robots, and a few threads connect to those that are away.
+
+Messages wait in a ring for each robot, which the thread empties by turns: a robot that sends much
+loses its own messages, and asks for them again, while the others' are applied. Requests to robots
+wait without a thread, so one that does not answer costs a timer. What blocks, such as connecting,
+runs on the other threads.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final, TypeVar
+
+import zenoh
+
+from zenoh_tf import threads
+from zenoh_tf._net.queries import ReplyParts
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.steps import Ask, AskStatus, Pause, Steps
+
+from ..process.upstream import Upstream
+
+T = TypeVar("T")
+
+log = logging.getLogger("zenoh_tf.server.federation")
+
+#: The rings are emptied so often, and with more robots this much later for each: a look at a ring
+#: takes about 1 us.
+_LEAST_PERIOD_S: Final = 0.002
+_PERIOD_OF_EACH_S: Final = 20e-6
+#: Attempts to connect at once. One to a robot that is away takes seconds.
+_CONNECTING: Final = 8
+
+
+class Pool:
+    """The `zenoh_tf.mirrors.steps.Runner` of robots, whose sources are `Upstream`."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._blocking = ThreadPoolExecutor(_CONNECTING, "robots connect")
+        self._feeds: dict[MirrorFeed, None] = {}  # of the loop's thread
+        self._tasks: set[asyncio.Task[None]] = set()  # of the loop's thread; the loop keeps none
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread = threads.start("robots", self._run)
+
+    def close(self) -> None:
+        """Run nothing any more. Feeds stay as they are."""
+        with contextlib.suppress(RuntimeError):  # closed before
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        self._blocking.shutdown(wait=False, cancel_futures=True)
+        threads.join(self._thread)
+
+    def spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run a coroutine on the thread."""
+        self._loop.call_soon_threadsafe(self._spawn, work)
+
+    async def block(self, call: Callable[..., T], *arguments: object) -> T:
+        """The result of a call that blocks."""
+        return await self._loop.run_in_executor(self._blocking, call, *arguments)
+
+    # --- what feeds call
+
+    def listen(self, feed: MirrorFeed) -> threading.Thread:
+        """Poll a feed until it is closed."""
+        assert self._thread is not None
+        self._loop.call_soon_threadsafe(self._feeds.__setitem__, feed, None)
+        return self._thread
+
+    def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
+        """Take the steps of a routine."""
+        self.spawn(self._take(feed, steps))
+        return True
+
+    # --- the thread
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._spawn(self._poll())
+        self._loop.run_forever()
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            log.error("internal error in the federation", exc_info=error)
+
+    async def _poll(self) -> None:
+        while True:
+            for feed in list(self._feeds):
+                try:
+                    if not feed.poll():
+                        del self._feeds[feed]
+                except Exception:  # the other robots' messages must be applied
+                    log.exception("internal error while a robot's messages were applied")
+            await asyncio.sleep(max(_LEAST_PERIOD_S, _PERIOD_OF_EACH_S * len(self._feeds)))
+
+    async def _take(self, feed: MirrorFeed, steps: Steps[None]) -> None:
+        source = feed.source
+        assert isinstance(source, Upstream)
+        outcome: Any = None
+        error: Exception | None = None
+        while True:
+            try:
+                step = steps.send(outcome) if error is None else steps.throw(error)
+            except StopIteration:
+                return
+            outcome = error = None
+            try:
+                if isinstance(step, Pause):
+                    await asyncio.sleep(step.seconds)
+                    outcome = feed.closed
+                else:
+                    outcome = await self._ask(source, step)
+            except Exception as failure:  # the routine decides what it means
+                error = failure
+
+    async def _ask(self, source: Upstream, step: Ask | AskStatus) -> object:
+        """The outcome of a request, which waits without a thread."""
+        waiting: asyncio.Future[bytes | None] = self._loop.create_future()
+        parts = ReplyParts()
+        whole: list[bytes] = []
+
+        def replied(reply: zenoh.Reply) -> None:
+            if not whole and (data := parts.add(reply)) is not None:
+                whole.append(data)
+
+        def ended() -> None:
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(_set, waiting, whole[0] if whole else None)
+
+        if isinstance(step, Ask):
+            source.send(step.request_type, step.body, replied, ended)
+            return source.reply(await waiting)
+        source.send("hello", source.hello, replied, ended)
+        return source.status_of(source.reply(await waiting))
+
+
+def _set(waiting: asyncio.Future[bytes | None], data: bytes | None) -> None:
+    if not waiting.done():
+        waiting.set_result(data)

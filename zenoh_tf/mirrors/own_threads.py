@@ -1,0 +1,84 @@
+"""Runs a feed on threads of its own: one listens, and one more takes the steps of each routine.
+
+Thread safety: all methods.
+
+Internal: for `zenoh_tf.mirrors.feed`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import TYPE_CHECKING, Any, Final
+
+import zenoh
+
+from .. import threads
+from ..errors import ServerUnavailable
+from .steps import Ask, Pause, Steps
+
+if TYPE_CHECKING:
+    from .feed import MirrorFeed
+
+#: Messages that are taken at once: a busy program lets the thread run only now and then.
+_BATCH_MESSAGES: Final = 16
+
+
+class OwnThreads:
+    """The `Runner` of clients and replicas, whose mirrors must not wait for each other."""
+
+    def listen(self, feed: MirrorFeed) -> threading.Thread:
+        """Start the thread that listens."""
+        return threads.start("mirror", _listen, feed)
+
+    def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
+        """Start a thread for a routine. False: there are too many, or the program is ending."""
+        try:
+            threads.start("mirror request", _take, feed, steps)
+        except RuntimeError:
+            return False
+        return True
+
+
+def _listen(feed: MirrorFeed) -> None:
+    """Apply messages until the mirror or the connection is closed."""
+    try:
+        while not feed.closed:
+            subscriber = feed.subscriber
+            with contextlib.suppress(zenoh.ZError):  # undeclared
+                _listen_to(feed, subscriber.handler)
+            if subscriber is feed.subscriber:  # no other one has taken its place
+                break
+    except ServerUnavailable:  # the connection is closed
+        pass
+    finally:
+        feed.end()
+
+
+def _listen_to(feed: MirrorFeed, receiver: Any) -> None:
+    while not feed.closed:
+        with feed.source.calls:
+            batch = [receiver.recv()]
+            while len(batch) < _BATCH_MESSAGES and (sample := receiver.try_recv()):
+                batch.append(sample)
+        feed.take(batch)
+
+
+def _take(feed: MirrorFeed, steps: Steps[None]) -> None:
+    outcome: Any = None
+    error: Exception | None = None
+    while True:
+        try:
+            step = steps.send(outcome) if error is None else steps.throw(error)
+        except StopIteration:
+            return
+        outcome = error = None
+        try:
+            if isinstance(step, Pause):
+                outcome = feed.wait_for_end(step.seconds)
+            elif isinstance(step, Ask):
+                outcome = feed.source.ask(step.request_type, step.body)
+            else:
+                outcome = feed.source.status()
+        except Exception as failure:  # the routine decides what it means
+            error = failure

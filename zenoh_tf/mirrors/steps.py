@@ -1,0 +1,52 @@
+"""What the routines of a feed wait for, as steps: threads of the feed take them, or an event loop.
+
+Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from .. import wire
+
+if TYPE_CHECKING:
+    from .feed import MirrorFeed
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """A step: wait. Its outcome is whether the feed has ended meanwhile."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A step: send a request. Its outcome is the reply."""
+
+    request_type: str
+    body: wire.Message
+
+
+@dataclass(frozen=True, slots=True)
+class AskStatus:
+    """A step: ask the server who it is. Its outcome is a `ServerStatus`."""
+
+
+T = TypeVar("T")
+
+#: The steps of a routine. An error of a step is raised where the generator yielded it.
+Steps = Generator[Pause | Ask | AskStatus, Any, T]
+
+
+class Runner(Protocol):
+    """Runs the routines of feeds. Thread safety: all methods."""
+
+    def listen(self, feed: MirrorFeed) -> threading.Thread:
+        """Let a thread apply the messages that come, until the feed is closed. Returns it."""
+
+    def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
+        """Take the steps of a routine. False: there is no thread for it."""
