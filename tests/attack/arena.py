@@ -14,7 +14,7 @@ import numpy as np
 import zenoh
 
 from . import messages
-from .processes import Call, Cost, Probe, Process, Server, attacker, costs, plain_load
+from .processes import Call, Cost, Probe, Server, attacker, costs, plain_load
 
 #: Bounds of a service that holds.
 OUTAGE_MS = 100.0
@@ -83,11 +83,6 @@ class Arena:
         """A server, and a session with it."""
         with self.server(*flags) as server, messages.session(server.endpoint) as opened:
             yield server, opened
-
-    def has_flag(self, flag: str) -> bool:
-        """True if the server that is attacked knows a flag."""
-        with Process([self.python, "-m", "zenoh_tf_server", "--help"], wait=False) as asked:
-            return flag in asked.stdout.read()
 
 
 @dataclass(frozen=True)

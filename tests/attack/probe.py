@@ -7,21 +7,16 @@ only, and nothing of the tests, so that it runs with the SDK of another checkout
 from __future__ import annotations
 
 import functools
-import inspect
 import json
 import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import TransformClient
 
-# A client that asks by queries, also of a version that has no other way.
-_HAS_CHOICE = "reads" in inspect.signature(TransformClient.connect).parameters
-_BY_QUERY: dict[str, Any] = {"reads": "query"} if _HAS_CHOICE else {}
-client_of: Callable[..., TransformClient] = functools.partial(TransformClient.connect, **_BY_QUERY)
+client_of = functools.partial(TransformClient.connect, reads="query")
 
 
 def main() -> None:

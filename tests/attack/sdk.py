@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import inspect
 import itertools
 import os
 import signal
@@ -16,15 +15,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import AsyncTransformClient, TransformClient
 
-# A client that asks by queries, also of a version that has no other way.
-_HAS_CHOICE = "reads" in inspect.signature(TransformClient.connect).parameters
-_BY_QUERY: dict[str, Any] = {"reads": "query"} if _HAS_CHOICE else {}
-client_of: Callable[..., TransformClient] = functools.partial(TransformClient.connect, **_BY_QUERY)
+client_of = functools.partial(TransformClient.connect, reads="query")
 
 
 def announce_statics(endpoint: str) -> None:
@@ -184,6 +180,14 @@ def asyncio_cancels(endpoint: str) -> None:
 # --- programs whose exit status counts
 
 
+def _end_beside(*targets: Callable[[], object], pause_s: float = 0.3) -> NoReturn:
+    for target in targets:
+        threading.Thread(target=target, daemon=True).start()
+    print("ready", flush=True)
+    time.sleep(pause_s)
+    sys.exit(7)
+
+
 def daemon_threads(endpoint: str) -> None:
     """Threads in calls while the program ends with a status of its own."""
     tf = client_of(endpoint)
@@ -193,11 +197,7 @@ def daemon_threads(endpoint: str) -> None:
         while True:
             tf.lookup_latest_transform("a", "b")
 
-    for _ in range(8):
-        threading.Thread(target=forever, daemon=True).start()
-    print("ready", flush=True)
-    time.sleep(0.3)
-    sys.exit(7)
+    _end_beside(*8 * [forever])
 
 
 def daemon_waiters(endpoint: str) -> None:
@@ -211,11 +211,7 @@ def daemon_waiters(endpoint: str) -> None:
         while True:
             client_of(endpoint, timeout_s=2.0)
 
-    for target in (wait, wait, wait, connect):
-        threading.Thread(target=target, daemon=True).start()
-    print("ready", flush=True)
-    time.sleep(0.3)
-    sys.exit(7)
+    _end_beside(wait, wait, wait, connect)
 
 
 def daemon_batches(endpoint: str) -> None:
@@ -228,11 +224,7 @@ def daemon_batches(endpoint: str) -> None:
         while True:
             tf.lookup_transforms("a", "b", stamps)
 
-    for _ in range(6):
-        threading.Thread(target=forever, daemon=True).start()
-    print("ready", flush=True)
-    time.sleep(0.5)
-    sys.exit(7)
+    _end_beside(*6 * [forever], pause_s=0.5)
 
 
 def unclosed_broadcasters(endpoint: str) -> None:
@@ -252,10 +244,7 @@ def publishing_thread(endpoint: str) -> None:
         while True:
             sensor.send(StampedTransform("a", "b", time.time_ns(), Transform()))
 
-    threading.Thread(target=forever, daemon=True).start()
-    print("ready", flush=True)
-    time.sleep(0.3)
-    sys.exit(7)
+    _end_beside(forever)
 
 
 if __name__ == "__main__":

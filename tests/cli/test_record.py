@@ -20,7 +20,6 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.servers import ServerProcess
 from tests.recordings.readers import read_with_foxglove, read_with_rosbags, rows
-from tests.recordings.test_from_recording import ask
 from tests.support.command_line import Run
 from tests.support.recorded import RUN, needs_recording, questions
 from zenoh_tf import LatestTransform, LookupException, StampedTransform, Transform, TransformTree
@@ -213,7 +212,7 @@ def test_a_recording_of_a_replay_gives_tf2s_answers(
     assert (code, summary["transforms"], summary["static"]) == (0, 7284, 29)
     tree = TransformTree.from_recording(recorder.path)
     for question in questions():
-        question.check(ask(tree, question))  # type: ignore[arg-type]
+        question.check(question.ask(tree))
 
 
 def test_a_killed_recorder_loses_nothing_that_was_in_the_file(

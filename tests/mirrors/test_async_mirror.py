@@ -11,8 +11,8 @@ import pytest
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from tests.support.asynchronous import connected
+from tests.support.small_robot import stamped
 from tests.support.waiting import wait_until
-from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import (
     ExtrapolationException,
     InvalidArgumentException,
@@ -29,10 +29,6 @@ from zenoh_tf_client import (
 )
 
 DEADLINE_S = 30.0
-
-
-def stamped(child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
-    return StampedTransform("map", child, stamp_ns, Transform((x, 0, 0)))
 
 
 async def test_lookups_and_own_writes(server: ServerProcess) -> None:

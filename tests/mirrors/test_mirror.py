@@ -18,9 +18,10 @@ from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
 from tests.support.raw import raw
+from tests.support.small_robot import stamped
 from tests.support.threads import together
 from tests.support.waiting import wait_until
-from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf.errors import (
     InvalidArgumentException,
@@ -33,10 +34,6 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import Mirror, Receipt, Transaction, TransformClient
 
 DEADLINE_S = 30.0
-
-
-def stamped(child: str, stamp_ns: int, x: float = 0.0, parent: str = "map") -> StampedTransform:
-    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
 
 
 def test_every_lookup_is_the_servers(client: TransformClient) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer as McapWriter
 
-from tests.support.recorded import RUN, Question, needs_recording, questions
+from tests.support.recorded import RUN, needs_recording, questions
 from zenoh_tf import LimitExceeded, TransformException, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
 
@@ -247,20 +247,9 @@ def test_without_the_extra(
         TransformTree.from_recording(path)
 
 
-def ask(tree: TransformTree, q: Question) -> object:
-    try:
-        if q.fixed_frame is None:
-            return tree.lookup_transform(q.target, q.source, q.stamp_ns)
-        return tree.lookup_transform_full(
-            q.target, q.stamp_ns, q.source, q.source_stamp_ns, q.fixed_frame
-        )
-    except TransformException as error:
-        return error
-
-
 @needs_recording
 def test_every_recorded_answer_agrees_with_tf2() -> None:
     tree = TransformTree.from_recording(RUN)
     assert len(questions()) > 1700
     for question in questions():
-        question.check(ask(tree, question))  # type: ignore[arg-type]
+        question.check(question.ask(tree))

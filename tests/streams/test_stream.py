@@ -15,7 +15,8 @@ import zenoh
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.support.raw import Raw, raw
-from zenoh_tf import StampedTransform, Transform, TransformTree, wire
+from tests.support.small_robot import stamped
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeReplay
 from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ProtocolError, ServerRestarted
@@ -119,10 +120,6 @@ def listening(server: ServerProcess) -> Iterator[Listener]:
             yield listener
         finally:
             listener.close()
-
-
-def stamped(child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
-    return StampedTransform("map", child, stamp_ns, Transform((x, 0, 0)))
 
 
 def stats(server: ServerProcess) -> dict[str, int]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from zenoh_tf import StampedTransform, Transform, errors
+from zenoh_tf import StampedTransform, Transform, TransformTree, errors
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 RUN = DATA / "nav2_turtlebot.mcap"
@@ -56,6 +56,16 @@ class Question:
     error: str | None
     result_stamp_ns: int | None
     pose: tuple[float, ...] | None
+
+    def ask(self, tree: TransformTree) -> StampedTransform | errors.TransformException:
+        try:
+            if self.fixed_frame is None:
+                return tree.lookup_transform(self.target, self.source, self.stamp_ns)
+            return tree.lookup_transform_full(
+                self.target, self.stamp_ns, self.source, self.source_stamp_ns, self.fixed_frame
+            )
+        except errors.TransformException as error:
+            return error
 
     def check(self, answer: StampedTransform | errors.TransformException) -> None:
         """Check for the same error class, or a transform within 1e-9 (rotations up to sign)."""

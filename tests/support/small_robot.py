@@ -1,4 +1,4 @@
-"""A small robot's frames, for tests of mirrors of some of them."""
+"""Links by a word, and a small robot's frames."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ from zenoh_tf_client import TransformClient
 DEADLINE_S = 30.0
 
 
-def stamped(child: str, stamp_ns: int, x: float = 0.0, parent: str = "map") -> StampedTransform:
+def link(parent: str, child: str, stamp_ns: int = 0, x: float = 0.0) -> StampedTransform:
     return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
+
+
+def stamped(child: str, stamp_ns: int, x: float = 0.0, parent: str = "map") -> StampedTransform:
+    return link(parent, child, stamp_ns, x)
 
 
 def robot(tf: TransformClient, stamp: int, prefix: str = "") -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.small_robot import link
 from zenoh_tf import (
     BackwardExtrapolationException,
     ConnectivityException,
@@ -24,10 +25,6 @@ from zenoh_tf import (
 )
 
 S = 1_000_000_000
-
-
-def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
-    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
 
 
 def x_of(stamped: StampedTransform) -> float:

@@ -7,20 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from tests.support.small_robot import link
 from zenoh_tf import (
     BackwardExtrapolationException,
     ForwardExtrapolationException,
     InvalidArgumentException,
-    StampedTransform,
-    Transform,
     TransformTree,
 )
 
 S = 1_000_000_000
-
-
-def link(parent: str, child: str, stamp_ns: int, x: float = 0.0) -> StampedTransform:
-    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
 
 
 def test_a_lookup_waits_for_the_write_that_it_needs(tree: TransformTree) -> None:
