@@ -1,4 +1,5 @@
-"""Threads that do not keep their process alive: their start, their end, and work at a period.
+"""Threads that do not keep their process alive: their start, their end, pauses, and work at a
+period.
 
 Thread safety: all functions, and all methods.
 """
@@ -7,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 log = logging.getLogger("zenoh_tf")
@@ -28,6 +29,13 @@ def join(*threads: threading.Thread | None, timeout_s: float = JOIN_TIMEOUT_S) -
     for thread in threads:
         if thread is not None:
             thread.join(timeout_s)
+
+
+def pauses(first_s: float, longest_s: float) -> Iterator[float]:
+    """Pauses between attempts, each twice the one before (exponential backoff)."""
+    while True:
+        yield first_s
+        first_s = min(2 * first_s, longest_s)
 
 
 class Periodic:

@@ -24,7 +24,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from zenoh_tf import LatestTransform, StampedTransform
+from zenoh_tf import LatestTransform, StampedTransform, threads
 from zenoh_tf.errors import (
     InvalidArgumentException,
     OutcomeUnknown,
@@ -239,7 +239,7 @@ def repeat(
     """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:
         raise must_be("attempts", "at least 1", attempts)
-    longest_s = FIRST_PAUSE_S
+    pauses = threads.pauses(FIRST_PAUSE_S, LONGEST_PAUSE_S)
     attempt = 1
     while True:
         try:
@@ -255,5 +255,4 @@ def repeat(
                 conflict.add_note(f"in each of {attempts} attempts")
                 raise
         attempt += 1
-        time.sleep(random.uniform(0, longest_s))
-        longest_s = min(2 * longest_s, LONGEST_PAUSE_S)
+        time.sleep(random.uniform(0, next(pauses)))

@@ -28,7 +28,7 @@ from typing import Final
 import zenoh
 from zenoh.handlers import RingChannel
 
-from .. import wire
+from .. import threads, wire
 from .._net.server_clock import COMPARISONS, ServerClock, now_ns
 from ..errors import (
     ProtocolError,
@@ -54,7 +54,7 @@ _RING_MESSAGES: Final = 256
 _POLL_MESSAGES: Final = 16
 _POLL_BYTES: Final = 1 << 18
 #: A request that failed is repeated after a pause, which doubles.
-_FIRST_PAUSE_S: Final = 0.05
+_FIRST_PAUSE_S: Final = 0.1
 _LONGEST_PAUSE_S: Final = 0.5
 #: The least time between the beginnings of two snapshots.
 _SNAPSHOT_PERIOD_S: Final = 0.5
@@ -106,7 +106,7 @@ class MirrorFeed:
         self._ended = threading.Event()
         self._error: TransformException | None = None  # of the last request
         self._refused: TransformTree | None = None  # the last copy, if `on_copy` has raised
-        self._failures = 0  # since the last new copy
+        self._pauses = threads.pauses(_FIRST_PAUSE_S, _LONGEST_PAUSE_S)  # since the last copy
         self._next_snapshot_s = 0.0
         self._has_warned = False
         self._alarm = Alarm(source.tree)
@@ -268,7 +268,7 @@ class MirrorFeed:
             return
         m = self._mirroring
         self._alarm.record(m.contradictions)
-        has_copy = self._take_copy()
+        has_copy = self._accept_copy()
         for request in m.requests():
             if not self._runner.run(self, self._ask(request)):
                 m.failed(request.number)  # the next message sends it again
@@ -277,11 +277,11 @@ class MirrorFeed:
             self._changed.notify_all()
             self.on_change()
 
-    def _take_copy(self) -> bool:
+    def _accept_copy(self) -> bool:
         """Report a new copy. False: the owner has rejected it, and the next one comes."""
         tree = self._mirroring.tree
         if tree is not self.state.tree and tree is not self._refused:
-            self._failures = 0
+            self._pauses = threads.pauses(_FIRST_PAUSE_S, _LONGEST_PAUSE_S)
             self._error = self._refused = None
             try:
                 self._on_copy(tree, self._mirroring.instance)
@@ -346,9 +346,8 @@ class MirrorFeed:
             error = ServerUnavailable(str(error))
         with self._changed:
             self._error = error
-            self._failures += 1
             self._changed.notify_all()
-            pause_s = min(_FIRST_PAUSE_S * 2 ** min(self._failures, 10), _LONGEST_PAUSE_S)
+            pause_s = next(self._pauses)
         if not (yield Pause(pause_s)):
             with self._changed:
                 self._mirroring.failed(request.number, error)

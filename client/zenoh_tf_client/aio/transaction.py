@@ -22,7 +22,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from zenoh_tf import LatestTransform, StampedTransform
+from zenoh_tf import LatestTransform, StampedTransform, threads
 from zenoh_tf.errors import (
     InvalidArgumentException,
     OutcomeUnknown,
@@ -237,7 +237,7 @@ async def repeat(
     """As `run_transaction`, with transactions that `begin` makes."""
     if attempts < 1:
         raise must_be("attempts", "at least 1", attempts)
-    longest_s = FIRST_PAUSE_S
+    pauses = threads.pauses(FIRST_PAUSE_S, LONGEST_PAUSE_S)
     attempt = 1
     while True:
         try:
@@ -253,5 +253,4 @@ async def repeat(
                 conflict.add_note(f"in each of {attempts} attempts")
                 raise
         attempt += 1
-        await asyncio.sleep(random.uniform(0, longest_s))
-        longest_s = min(2 * longest_s, LONGEST_PAUSE_S)
+        await asyncio.sleep(random.uniform(0, next(pauses)))
