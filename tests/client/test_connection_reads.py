@@ -119,6 +119,7 @@ def with_a_short_limit(clock: Clock) -> Exchange:
     [
         (known, [answer()]),
         (known, [failed(LookupException("no frame"))]),
+        (known, [failed(LookupException("no frame"), "two")]),
         (known, [busy(0.1), answer()]),
         (known, [busy(10.0)]),
         (known, [no_reply()]),
@@ -165,5 +166,6 @@ def test_a_read_takes_no_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> 
     assert script.timeouts_s == [TIMEOUT_S]
 
 
-def test_other_reads_go_the_same_way(clock: Clock) -> None:
+def test_other_reads_go_the_same_way(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Connection, "_run", None)
     assert Straight(done(["map"]), clock=clock).read(new(clock), info.frames()) == ["map"]

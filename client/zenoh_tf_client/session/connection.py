@@ -23,7 +23,7 @@ from .local_requests import LocalRequests
 from .opening import open_session
 from .served_trees import no_server_message, served_trees
 from .server_info import ServerInfo
-from .steps import Pause, ReadQuery, Steps
+from .steps import Pause, ReadQuery, Steps, decode
 
 T = TypeVar("T")
 
@@ -171,12 +171,12 @@ class Connection:
         timeout_s = self.timeout_s + request.wait_s
         begin_s = time.monotonic()
         reply = self._ask(server, key, payload, timeout_s)
-        if (
-            type(reply) is bytes
-            and begin_s < exchange.next_hello_s
-            and (result := request.parse_plain(reply, server.instance)) is not None
-        ):
-            return result[0]
+        if type(reply) is bytes and begin_s < exchange.next_hello_s:
+            result = request.parse_plain(reply, server.instance)
+            if result is not None:
+                return result[0]
+            if exchange.is_final(message := decode(reply)):
+                return request.parse(message)
         query = ReadQuery(key, payload, timeout_s, begin_s + timeout_s)
         return self._run(exchange.finish_read(request, query, reply))
 
