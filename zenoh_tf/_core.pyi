@@ -16,6 +16,7 @@ from zenoh_tf._core_stubs.change_log import InterestReader as InterestReader
 from zenoh_tf._core_stubs.change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._core_stubs.columns import TransformRows as TransformRows
 from zenoh_tf._core_stubs.columns import columns_of_pairs as columns_of_pairs
+from zenoh_tf._core_stubs.columns import decode_puts as decode_puts
 from zenoh_tf._core_stubs.columns import decode_tf_message as decode_tf_message
 from zenoh_tf._core_stubs.columns import decode_tf_messages as decode_tf_messages
 from zenoh_tf._core_stubs.points import deskew_by_samples as deskew_by_samples
@@ -354,6 +355,15 @@ class Tree:
         # A later dynamic row: InvalidArgumentException, field "stamp"; with drop_old it is dropped.
         max_stamp_ns: int | None = None,
     ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old, 2 dropped as from the future
+    # Dynamic puts, each a transaction of its own, as `_commit_rows` with drop_old, in their order
+    # and without the interpreter lock. Of each: None, all rows are stored; as bytes what
+    # `_commit_rows` returns; or the error that refused it.
+    def _commit_puts(
+        self,
+        rows: list[TransformRows],
+        authorities: list[str],
+        max_stamps_ns: Sequence[int | None],
+    ) -> list[bytes | Exception | None]: ...
     def _clear(self, keep_static: bool, expires_ns: int) -> None: ...  # expires as _commit_rows
     def _reset(self, expires_ns: int) -> None: ...
     def _remove_frame(self, name: str, subtree: bool, expires_ns: int) -> None: ...

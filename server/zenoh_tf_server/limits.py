@@ -158,6 +158,12 @@ class Limits:
         "bytes of puts of all authorities that wait to be committed",
         "the same, with the authority that has the most waiting",
     )
+    put_wait_ms: int = _limit(
+        250,
+        "milliseconds that a dynamic put waits to be committed",
+        "if puts of other authorities wait as long, it is dropped and counted; the newest of each "
+        "authority stays",
+    )
     metrics_authorities: int = _limit(
         100, "authorities with metrics of their own (`--metrics`)", "the others are summed as one"
     )
@@ -205,10 +211,10 @@ class Limits:
         if value > limit:
             raise self.exceeded(name, value)
 
-    def check_names(self, names: list[str]) -> None:
+    def check_names(self, names: int) -> None:
         """Refuse a message that has more names than the most rows can use."""
-        if len(names) > _NAMES_PER_ROW * self.rows:
-            raise self.exceeded("rows", len(names) // _NAMES_PER_ROW)
+        if names > _NAMES_PER_ROW * self.rows:
+            raise self.exceeded("rows", names // _NAMES_PER_ROW)
 
     def exceeded(self, name: str, value: int) -> LimitExceeded:
         """The error for a `value` above the limit `name`."""

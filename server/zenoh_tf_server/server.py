@@ -14,6 +14,7 @@ from zenoh_tf._net import keys
 
 from . import federation, ros2
 from .ingest.ingest import Ingest
+from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
 from .process import network, sharing
 from .process.abandoned_keys import AbandonedKeys
@@ -67,14 +68,15 @@ class Server:
             self._start_stream(settings, stack)
             stack.callback(service.close)
             service.waiters.is_connected = self.clients.is_connected
-            ingest = Ingest(
-                service.commit,
+            commits = PutCommits(
+                service.commit_puts,
                 service.puts,
                 service.refusals,
                 limits,
                 service.clocks,
                 settings.future,
             )
+            ingest = Ingest(commits, limits)
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
             workers = Workers(service, self.clients, replies, settings.workers)

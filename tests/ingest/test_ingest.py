@@ -46,7 +46,8 @@ def test_a_publisher_alone_is_held_back_and_loses_nothing(start_server: StartSer
 
 def flood(endpoint: str, name: str, stop: threading.Event) -> None:
     """Send the same message again and again, which costs the sender next to nothing."""
-    payload = wire.pack(wire.commit_body(columns.commit(rows(name, 1, 200))))
+    # Large, as the receiver takes no more small ones than it can commit.
+    payload = wire.pack(wire.commit_body(columns.commit(rows(name, 1, 40_000))))
     with raw(endpoint) as wires:
         publisher = wires.session.declare_publisher(
             keys.put("main", name, static=False),
@@ -57,7 +58,8 @@ def flood(endpoint: str, name: str, stop: threading.Event) -> None:
 
 
 def test_floods_lose_and_a_sensor_beside_them_does_not(start_server: StartServer) -> None:
-    server = start_server("--limit", "put_queue_bytes=2000000")
+    # Three messages of a flood fill its queue. They must not become stale before.
+    server = start_server("--limit", "put_queue_bytes=10000000", "--limit", "put_wait_ms=600000")
     stop = threading.Event()
     with server.connect() as tf:
         threads = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import time
 from collections import Counter
+from math import inf
 
 import zenoh
 from zenoh.handlers import FifoChannel
@@ -13,7 +14,8 @@ from tests.processes.ports import free_endpoint
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf_server.ingest.clock_offsets import ClockOffsets
 from zenoh_tf_server.ingest.future_stamps import FutureStamps
-from zenoh_tf_server.ingest.ingest import Ingest, PutCounters
+from zenoh_tf_server.ingest.ingest import Ingest
+from zenoh_tf_server.ingest.put_commits import PutCommits, PutCounters
 from zenoh_tf_server.ingest.put_queues import LARGE_BYTES, Put, PutQueues
 from zenoh_tf_server.ingest.refusals import Refusals
 from zenoh_tf_server.limits import Limits
@@ -21,8 +23,10 @@ from zenoh_tf_server.limits import Limits
 KIB = 1 << 10
 
 
-def queues(queue_bytes: int = 1 << 20, total: int = 8 << 20, puts: int = 1000) -> PutQueues:
-    return PutQueues(queue_bytes, total, puts)
+def queues(
+    queue_bytes: int = 1 << 20, total: int = 8 << 20, puts: int = 1000, wait_s: float = inf
+) -> PutQueues:
+    return PutQueues(queue_bytes, total, puts, wait_s)
 
 
 def put(authority: str, number: int = 0, size: int = 100, static: bool = False) -> Put:
@@ -114,6 +118,73 @@ def test_static_puts_are_refused_but_not_dropped() -> None:
     assert len(drain(tested)) == 10
 
 
+def queued(authority: str, number: int, queued_s: float, static: bool = False) -> Put:
+    made = put(authority, number, static=static)
+    made.queued_s = queued_s
+    return made
+
+
+def drain_at(tested: PutQueues, now_s: float) -> dict[str, list[int]]:
+    """The numbers of the puts of each authority that are committed at a time."""
+    left: dict[str, list[int]] = {}
+    while (turn := tested.take(small_only=True, now_s=now_s)) is not None:
+        for each in turn.puts:
+            left.setdefault(each.authority, []).append(each.arrival_ns)
+        tested.done(turn)
+    assert tested.bytes == 0
+    return left
+
+
+def test_stale_puts_are_dropped_oldest_first_when_newer_ones_wait() -> None:
+    tested = queues(wait_s=1.0)
+    for name in ("late", "a", "b"):
+        for number in range(6):
+            tested.add(queued(name, number, float(number)))
+    tested.add(queued("rare", 0, 0.0))
+    left = drain_at(tested, 4.5)
+    # The first one may be a burst of its own, until there is another one.
+    assert left == {"late": [0, 1, 2, 3, 4, 5], "a": [4, 5], "b": [4, 5], "rare": [0]}
+    dropped = tested.take_dropped()
+    assert [(each.authority, each.arrival_ns) for each in dropped] == [
+        (name, number) for name in "ab" for number in range(4)
+    ]
+    assert tested.take_dropped() == []
+
+
+def test_a_burst_of_one_authority_is_never_stale() -> None:
+    tested = queues(wait_s=1.0)
+    for round_ in range(4):
+        now_s = 10.0 * round_
+        for number in range(20):
+            tested.add(queued("burst", number, now_s))
+        tested.add(queued("sensor", 0, now_s + 4.9))
+        tested.add(queued("sensor", 1, now_s + 5.0))
+        assert drain_at(tested, now_s + 5) == {"burst": list(range(20)), "sensor": [0, 1]}
+    assert tested.take_dropped() == []
+
+
+def test_static_puts_and_first_copies_are_never_stale() -> None:
+    tested = queues(wait_s=1.0)
+    for number in range(2):
+        tested.add(queued("late", number, 0.0))
+    copy = queued("copy", 0, 0.0)
+    copy.parts = lambda of: [of]
+    for each in (copy, queued("copy", 1, 0.0)):
+        tested.add(each)
+    for number in range(6):
+        tested.add(queued("a", number, 0.0, static=number % 2 == 0))
+    # Of the dynamic ones, 5 is the newest.
+    assert drain_at(tested, 9.0) == {"late": [0, 1], "copy": [0, 1], "a": [0, 2, 4, 5]}
+    assert [each.arrival_ns for each in tested.take_dropped()] == [1, 3]
+
+
+def test_a_put_that_waits_for_long_presses() -> None:
+    tested = queues(wait_s=4.0)
+    assert not tested.is_full_for("a", 0.25, 9.0)
+    tested.add(queued("a", 0, 4.0))
+    assert tested.is_full_for("a", 0.25, 5.1) and not tested.is_full_for("a", 0.25, 4.9)
+
+
 def test_the_total_takes_from_the_longest_queue() -> None:
     tested = queues(queue_bytes=1000, total=1200)
     for number in range(9):
@@ -159,7 +230,10 @@ def test_more_authorities_than_queues() -> None:
 def test_a_put_that_arrives_while_others_are_sorted_is_not_dated_back() -> None:
     limits = Limits()
     clocks, future = ClockOffsets(), FutureStamps()
-    ingest = Ingest(lambda *_: None, PutCounters(), Refusals(limits), limits, clocks, future)
+    commits = PutCommits(
+        lambda puts: [None for _ in puts], PutCounters(), Refusals(limits), limits, clocks, future
+    )
+    ingest = Ingest(commits, limits)
     key = keys.put("main", "wheels", static=False)
     sent_ns: list[int] = []
 

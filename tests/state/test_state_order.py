@@ -36,6 +36,14 @@ def commit(names: list[str], x: int, *, static: bool) -> wire.Commit:
     return wire.Commit(rows, f"x{x % 3}", static)
 
 
+def put(service: Service, what: wire.Commit) -> None:
+    """Commit as a put. Raises what refuses it."""
+    what.drop_old = True
+    (outcome,) = service.commit_puts([what])
+    if isinstance(outcome, Exception):
+        raise outcome
+
+
 def write_at_random(service: Service, state: State, seed: int) -> None:
     chance = random.Random(seed)
     for number in range(WRITES):
@@ -43,9 +51,9 @@ def write_at_random(service: Service, state: State, seed: int) -> None:
         kind = chance.random()
         try:
             if kind < 0.45:
-                service.commit(commit(names, seed * WRITES + number, static=True))
+                put(service, commit(names, seed * WRITES + number, static=True))
             elif kind < 0.9:
-                service.commit(commit(names, seed * WRITES + number, static=False))
+                put(service, commit(names, seed * WRITES + number, static=False))
             else:
                 state.links.remove_frame(names[0], subtree=False, expires_ns=NEVER)
         except TransformException:  # the frame was removed already, or the stamp is too old
@@ -111,7 +119,7 @@ def test_a_dynamic_commit_right_after_a_static_one(tmp_path: Path) -> None:
     loop, limits = asyncio.new_event_loop(), Limits()
     state = State(StateSettings(tmp_path), tree, "main", limits)
     service = Service(tree, "main", "instance", limits, loop, state.links)
-    dynamic = threading.Thread(target=lambda: service.commit(commit(["a"], 2, static=False)))
+    dynamic = threading.Thread(target=lambda: put(service, commit(["a"], 2, static=False)))
 
     def overtake() -> None:
         dynamic.start()
@@ -120,7 +128,7 @@ def test_a_dynamic_commit_right_after_a_static_one(tmp_path: Path) -> None:
         dynamic.join(0.1)  # it may have to wait for the static commit
 
     tree.then = overtake
-    service.commit(commit(["a", "b"], 1, static=True))
+    put(service, commit(["a", "b"], 1, static=True))
     dynamic.join()
     service.close()
     state.close()

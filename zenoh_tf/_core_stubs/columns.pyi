@@ -41,6 +41,8 @@ class TransformRows:
     @property
     def names(self) -> list[str]: ...
     @property
+    def name_count(self) -> int: ...  # does not make the names of a message
+    @property
     def parent(self) -> NDArray[np.uint32]: ...
     @property
     def child(self) -> NDArray[np.uint32]: ...
@@ -58,6 +60,13 @@ class TransformRows:
 def columns_of_pairs(
     targets: str | Sequence[str], sources: str | Sequence[str], rows: int
 ) -> tuple[list[str], NDArray[np.uint32], NDArray[np.uint32]]: ...
+
+# The rows of messages of puts, decoded without the interpreter lock. None: the message has other
+# fields than a put's, or is malformed or beyond a limit; `wire.parse_commit` says which. Anything
+# but bytes gives None as well.
+def decode_puts(
+    messages: list[bytes | None], max_rows: int, max_decoded_bytes: int
+) -> list[TransformRows | None]: ...
 
 # A ROS 2 TFMessage in CDR, see `zenoh_tf.ros2.cdr`; of a malformed one the (field, what was
 # expected). If `rename` gives two frames one name, the rows have it twice.

@@ -257,6 +257,7 @@ void bind_apply(nb::class_<Pose>& transform);
 void bind_stamped(nb::module_& m);
 void bind_tree(nb::module_& m);
 void bind_commit(nb::class_<Tree>& tree);
+void bind_puts(nb::module_& m, nb::class_<Tree>& tree);
 void bind_parked_lookups(nb::module_& m);
 void bind_deskew(nb::module_& m);
 void bind_change_log(nb::module_& m);

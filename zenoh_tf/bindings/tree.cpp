@@ -201,6 +201,7 @@ void bind_tree(nb::module_& m) {
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
   bind_commit(tree);
+  bind_puts(m, tree);
   bind_reads(tree);
 }
 

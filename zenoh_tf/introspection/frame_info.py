@@ -124,7 +124,7 @@ class AuthorityInfo:
             so this is always 0 for an embedded tree.
         last_refusal: Why the server refused the last of these messages; ``None``: none was.
         dropped_by_queue: Published messages that the server dropped because too many of this
-            authority were waiting.
+            authority were waiting, or had waited for too long.
         clock_offset_min_s: Least of its stamps' lead over their arrival at the server, over the
             last 10 to 20 s: negative for stamps that are older. ``None``: it published nothing.
         clock_offset_max_s: Greatest lead. It has the least delay in it: the authority's clock is

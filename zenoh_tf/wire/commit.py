@@ -74,6 +74,7 @@ class Commit:
     read_names: list[str] = field(default_factory=list)
     read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
     expires_ns: int | None = None  # on the server's clock; it is not sent here but with `Write`
+    max_stamp_ns: int | None = None  # of a put, not sent: later dynamic rows are dropped
 
 
 def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:

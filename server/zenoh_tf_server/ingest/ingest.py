@@ -9,34 +9,28 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from zenoh_tf import threads, wire
-from zenoh_tf._core import TransformRows
+from zenoh_tf import threads
 from zenoh_tf._net import keys
 from zenoh_tf.bounded_map import BoundedMap
-from zenoh_tf.errors import InvalidArgumentException, TransformException
-from zenoh_tf.text import quoted
+from zenoh_tf.errors import InvalidArgumentException
 
 from ..limits import Limits
-from ..rate_limited_log import RateLimitedLog
-from .clock_offsets import ClockOffsets
-from .future_stamps import FutureStamps
+from .put_commits import PutCommits
 from .put_queues import LARGE_BYTES, Put, PutQueues, Turn
-from .refusals import Refusals
 
 #: Puts between Zenoh's receiver and the ingest thread, which empties it after every turn.
 _CHANNEL: Final = 64
-#: A queue that is filled above this part of its limits presses: the receiver holds back.
+#: Turns that are committed at once end after this cost: about 100 puts of 60 transforms.
+_BATCH_COST: Final = 1 << 20
+#: A queue that is filled above this part of its limits, or whose puts wait for this part of theirs,
+#: presses: the receiver holds back.
 _PRESSING: Final = 0.25
 #: The receiver accepts no more at once than this part of a queue's limit, unless it is late.
 _BATCH: Final = 0.125
@@ -50,44 +44,17 @@ _ALONE_S: Final = 1.0
 _KNOWN_KEYS: Final = 4096
 
 
-@dataclass(slots=True)
-class PutCounters:
-    """Counters of all published messages, part of `stats`."""
-
-    puts: int = 0
-    put_transforms: int = 0
-    bad_puts: int = 0
-    dropped_as_too_old: int = 0
-    dropped_by_queue: int = 0  # messages
-    flagged_as_future: int = 0  # transforms stored although they are beyond --max-future-s
-
-    def as_dict(self) -> dict[str, int]:
-        return asdict(self)
-
-
 class Ingest:
-    """Commits the puts on ``set/*`` and ``static/*`` of a tree."""
+    """Receives the puts on ``set/*`` and ``static/*`` of a tree, and lets them be committed."""
 
-    def __init__(
-        self,
-        commit: Callable[[wire.Commit, int | None], Any],
-        counters: PutCounters,
-        refusals: Refusals,
-        limits: Limits,
-        clocks: ClockOffsets,
-        future: FutureStamps,
-    ) -> None:
-        """`commit`: commits to the tree; its second argument is the latest stamp to store."""
-        self._commit = commit
-        self._counters = counters
-        self._refusals = refusals
+    def __init__(self, commits: PutCommits, limits: Limits) -> None:
+        self._commits = commits
         self._limits = limits
-        self._clocks = clocks
-        self._future = future
-        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ingest"))
         self._max_queue_bytes = limits.put_queue_bytes
-        self._lock = threading.Condition()  # of the queues and the counters
-        self._queues = PutQueues(limits.put_queue_bytes, limits.put_queues_bytes)
+        self._lock = threading.Condition()  # of the queues
+        self._queues = PutQueues(
+            limits.put_queue_bytes, limits.put_queues_bytes, max_wait_s=limits.put_wait_ms * 1e-3
+        )
         self._sources = BoundedMap[str, tuple[str, bool] | None](_KNOWN_KEYS)  # by key
         self._subscriber: zenoh.Subscriber[Any] | None = None
         self._threads: list[threading.Thread] = []
@@ -128,26 +95,35 @@ class Ingest:
         `wait`: hold the caller back for a moment while a queue of theirs presses."""
         accepted = [put for put in puts if self._is_small_enough(put)]
         with self._lock:
-            lost = [each for put in accepted for each in self._queues.add(put)]
+            lost = self._queue(accepted, time.monotonic())
             self._lock.notify_all()
         if lost:
-            self._count_lost(lost)
+            self._commits.count_lost(lost)
         if wait:
             self._hold_back({put.authority for put in accepted})
 
     def _is_small_enough(self, put: Put) -> bool:
         if put.size <= self._limits.message_bytes:
             return True
-        self._refuse("", put.authority, 1, self._limits.exceeded("message_bytes", put.size))
+        error = self._limits.exceeded("message_bytes", put.size)
+        self._commits.refuse("", put.authority, 1, error)
         put.done(False)
         return False
+
+    def _queue(self, puts: list[Put], now_s: float) -> list[Put]:
+        """Queue puts, under the lock. Returns those that were lost for them."""
+        lost: list[Put] = []
+        for put in puts:
+            put.queued_s = now_s
+            lost += self._queues.add(put)
+        return lost
 
     def _hold_back(self, authorities: set[str]) -> None:
         """Wait while one of the queues presses; not for long, as others wait behind it."""
         until_s = time.monotonic() + _HOLD_BACK_S
         with self._lock:
             while not self._closing and time.monotonic() < until_s:
-                if not any(self._queues.is_full_for(each, _PRESSING) for each in authorities):
+                if not any(self._is_pressing(each) for each in authorities):
                     return
                 self._lock.wait(_HOLD_BACK_S / 5)
 
@@ -159,16 +135,18 @@ class Ingest:
 
     def _receive_and_serve(self, handler: Any) -> None:
         try:
+            received = 0
             while not self._closing:
                 if self._may_receive():
-                    self._receive(handler, handler.try_recv())
-                with self._lock:
-                    turn = self._queues.take(small_only=True)
-                    self._idle = turn is None
-                if turn is not None:
-                    self._serve(turn)
-                elif self._may_receive():
-                    self._receive(handler, handler.recv())
+                    received += self._receive(handler, handler.try_recv())
+                # As many as have come: else a receiver that gets little time would drop most.
+                while (served := self._serve_small()) and served < received:
+                    received -= served
+                received = 0
+                if served:
+                    continue
+                if self._may_receive():
+                    received = self._receive(handler, handler.recv())
                 else:
                     with self._lock:
                         self._lock.wait(_HOLD_BACK_S / 5)
@@ -186,11 +164,43 @@ class Ingest:
                     or (self._idle and self._queues.has_small)
                 ):
                     self._lock.wait()
-                turn = None if self._closing else self._queues.take(small_only=False)
+                turn = None if self._closing else self._take(small_only=False)
             if self._closing:
                 return
             if turn is not None:
-                self._serve(turn)
+                self._serve([turn])
+
+    def _serve_small(self) -> int:
+        """Commit the small puts that are next, in a turn of each queue at most. Returns how many
+        they are."""
+        turns: list[Turn] = []
+        cost = 0
+        with self._lock:
+            while cost < _BATCH_COST and (turn := self._take(small_only=True)) is not None:
+                turns.append(turn)
+                cost += turn.cost
+            self._idle = not turns
+        return self._serve(turns)
+
+    def _take(self, *, small_only: bool) -> Turn | None:
+        """The next turn, under the lock."""
+        return self._queues.take(small_only=small_only, now_s=time.monotonic())
+
+    def _serve(self, turns: list[Turn]) -> int:
+        """Commit the puts of turns. Returns how many they are. Never raises."""
+        if turns:
+            self._commits.run(turns)
+        puts = sum(len(turn.puts) for turn in turns)
+        with self._lock:
+            self._served += puts
+            for turn in turns:
+                self._queues.done(turn)
+            stale = self._queues.take_dropped()
+            if self._queues.has_large:
+                self._lock.notify()
+        if stale:
+            self._commits.count_stale(stale)
+        return puts
 
     # --- receiving
 
@@ -198,15 +208,18 @@ class Ingest:
         """False while the receiver holds back, so that Zenoh holds the publisher back."""
         if not self._pressing:
             return True
+        pressing: list[str] = []
         with self._lock:
-            self._pressing = {
-                each for each in self._pressing if self._queues.is_full_for(each, _PRESSING)
-            }
-            half_full = any(self._queues.is_full_for(each, 0.5) for each in self._pressing)
+            for each in list(self._pressing):
+                if not self._is_pressing(each):
+                    self._pressing.discard(each)
+                elif len(pressing := [*pressing, each]) > 1:
+                    break
+            half_full = any(self._is_pressing(each, 0.5) for each in pressing)
         # All puts come through one channel. While one publisher is held back, the others' puts
         # wait in it behind a few of its own; with several, for too long. So then the queues fill,
         # and drop.
-        if len(self._pressing) != 1:
+        if len(pressing) != 1:
             return True
         now_s = time.monotonic()
         alone = self._is_alone(now_s)
@@ -215,13 +228,17 @@ class Ingest:
         longest_s = _HOLD_BACK_ALONE_S if alone else _HOLD_BACK_S
         return self._served >= _CHANNEL or now_s - self._received_s >= longest_s
 
+    def _is_pressing(self, authority: str, fraction: float = _PRESSING) -> bool:
+        """True if the queue of an authority uses more than a fraction of its limits."""
+        return self._queues.is_full_for(authority, fraction, time.monotonic())
+
     def _is_alone(self, now_s: float) -> bool:
         return now_s - self._other_seen_s > _ALONE_S
 
-    def _receive(self, handler: Any, sample: zenoh.Sample | None) -> None:
-        """Sort a sample and those behind it into the queues."""
+    def _receive(self, handler: Any, sample: zenoh.Sample | None) -> int:
+        """Sort a sample and those behind it into the queues. Returns how many puts they are."""
         if sample is None:
-            return
+            return 0
         now_s = time.monotonic()
         # Late: while one authority presses, the others must not wait behind its puts.
         late = bool(self._pressing) and not self._is_alone(now_s)
@@ -244,16 +261,17 @@ class Ingest:
         self._received_s = self._last_seen_s = now_s
         self._served = 0
         if not puts:
-            return
+            return 0
         with self._lock:
-            lost = [each for put in puts for each in self._queues.add(put)]
-            for authority in {put.authority for put in puts}:
-                if self._queues.is_full_for(authority, _PRESSING):
-                    self._pressing.add(authority)
+            lost = self._queue(puts, now_s)
+            self._pressing.update(
+                each for each in {put.authority for put in puts} if self._is_pressing(each)
+            )
             if self._queues.has_large:
                 self._lock.notify()
         if lost:
-            self._count_lost(lost)
+            self._commits.count_lost(lost)
+        return len(puts)
 
     def _put_of(self, sample: zenoh.Sample) -> Put | None:
         """The put of a sample; None if it is none, or is refused at once."""
@@ -270,7 +288,7 @@ class Ingest:
         size = len(payload)
         if size > self._limits.message_bytes:
             error = self._limits.exceeded("message_bytes", size)
-            self._refuse(key, source[0], 1, error)
+            self._commits.refuse(key, source[0], 1, error)
             return None
         if size <= LARGE_BYTES:  # a copy: Zenoh's own would keep the whole batch that it was in
             payload = payload.to_bytes()
@@ -285,115 +303,7 @@ class Ingest:
         try:
             source = keys.last_name(key), kind == "static"
         except InvalidArgumentException as error:
-            self._refuse(key, None, 1, error)
+            self._commits.refuse(key, None, 1, error)
             return None
         self._sources[key] = source
         return source
-
-    def _count_lost(self, lost: list[Put]) -> None:
-        """Count and log puts that a queue had no room for."""
-        dropped = Counter(put.authority for put in lost if not put.static)
-        for authority, count in dropped.items():
-            self._refusals.drop(authority, count)
-            self._log.warn(
-                f"puts of {quoted(authority)}",
-                "its queue is full, so its oldest puts are dropped: it sends more than this "
-                "server can commit beside the others",
-            )
-        for put in lost:
-            if put.static:
-                error = self._limits.exceeded("put_queue_bytes", put.size + self._max_queue_bytes)
-                self._refuse("", put.authority, 1, error)
-                put.done(False)
-        with self._lock:
-            self._counters.dropped_by_queue += dropped.total()
-
-    # --- committing
-
-    def _serve(self, turn: Turn) -> None:
-        """Commit the puts of a turn. Never raises: an error is counted and logged."""
-        counts = PutCounters()
-        for place, put in enumerate(turn.puts):
-            self._ingest(put, counts, measure=place == 0)
-        if counts.puts:
-            self._refusals.accept(turn.puts[0].authority)
-        with self._lock:
-            total = self._counters
-            total.puts += counts.puts
-            total.put_transforms += counts.put_transforms
-            total.dropped_as_too_old += counts.dropped_as_too_old
-            total.flagged_as_future += counts.flagged_as_future
-            self._served += len(turn.puts)
-            self._queues.done(turn)
-            if self._queues.has_large:
-                self._lock.notify()
-
-    def _ingest(self, put: Put, counts: PutCounters, *, measure: bool) -> None:
-        authority = put.authority
-        transforms = 1  # a message that cannot be parsed counts as one transform
-        try:
-            commit = self._commit_of(put)
-            transforms = len(commit.rows)
-            self._limits.check("rows", len(commit.rows))
-            # The key counts, not the message: Zenoh's access control has checked the key.
-            commit.authority, commit.static = authority, put.static
-            commit.drop_old = True
-            commit.read_names, commit.read_versions = [], None
-            max_stamp_ns = self._future.limit_ns(put.arrival_ns) if self._future.refuses else None
-            stored = self._commit(commit, max_stamp_ns).tobytes()
-        except Exception as error:
-            if put.parts is not None:
-                for part in put.parts(put):
-                    self._ingest(part, counts, measure=False)
-                return
-            self._refuse("", authority, transforms, error)
-            put.done(False)
-            return
-        put.done(True)
-        kept = stored.count(1)
-        counts.puts += 1
-        counts.put_transforms += kept
-        if kept != transforms:
-            if not commit.announce:  # what an announcement leaves out is not old
-                counts.dropped_as_too_old += stored.count(0)
-            self._refuse_future(commit, stored)
-        if put.static or not transforms:
-            return
-        if measure:
-            self._clocks.put_arrived(authority, put.arrival_ns, commit.rows.newest_stamp)
-        if self._future.flags:
-            counts.flagged_as_future += self._flag_future(commit, put)
-
-    def _commit_of(self, put: Put) -> wire.Commit:
-        if type(put.payload) is TransformRows:
-            return wire.Commit(put.payload)
-        payload = put.payload if type(put.payload) is bytes else put.payload.to_bytes()
-        if put.decode is None:
-            return wire.parse_commit(self._limits.unpack(payload))
-        return wire.Commit(put.decode(payload))
-
-    def _refuse_future(self, commit: wire.Commit, stored: bytes) -> None:
-        """Count and log the rows that were not stored because they are from the future."""
-        rows = stored.count(2)
-        if rows:
-            reason = self._future.describe(commit, stored.index(2))
-            self._refusals.refuse(commit.authority, rows, reason)
-            self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
-
-    def _flag_future(self, commit: wire.Commit, put: Put) -> int:
-        """Log the rows that are from the future; return how many there are."""
-        rows = self._future.beyond(commit, self._future.limit_ns(put.arrival_ns))
-        if rows:
-            reason = self._future.describe(commit, rows[0])
-            self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
-        return len(rows)
-
-    def _refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
-        field = error.field if isinstance(error, TransformException) else None
-        where = f" (field {field})" if field else ""
-        reason = f"{type(error).__name__}: {error}{where}"
-        if authority is not None:
-            self._refusals.refuse(authority, transforms, reason)
-        self._log.warn(f"put of {quoted(key if authority is None else authority)}", reason)
-        with self._lock:  # last: a client that sees the count finds the reason as well
-            self._counters.bad_puts += 1

@@ -12,6 +12,9 @@ Invariants
 2. Bytes and puts are bounded, per queue and in all. A full queue drops its oldest dynamic put, as
    the newest one says most about where things are. A static put is never dropped for another one:
    if nothing else can make room, it is refused, and the caller reports that.
+3. When a queue has its turn, its stale dynamic puts are dropped, the oldest first, as long as a
+   newer one waits behind them, and another queue has stale puts, too. So an authority's newest data
+   is never dropped for its age, nor is a burst of one authority.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import heapq
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, Final
 
 from zenoh_tf._core import TransformRows
@@ -51,17 +55,27 @@ class Put:
     arrival_ns: int  # real time
     #: Makes rows of the payload's bytes, if they are not of this project's protocol.
     decode: Callable[[bytes], TransformRows] | None = None
+    queued_s: float = 0.0  # monotonic time; a put is stale by how long it has waited
     #: Called once: True after it was committed, False if it was refused. Not if it is dropped, or
     #: if its parts are committed in its place.
     done: Callable[[bool], None] = _report_nothing
     #: Makes the puts to commit in its place if it is refused, so that one bad row refuses only its
-    #: own part. They have no parts themselves.
+    #: own part. They have no parts themselves. A put with parts is a turn of its own, and is never
+    #: stale: it is history.
     parts: Callable[[Put], list[Put]] | None = None
 
     @classmethod
     def of_rows(cls, authority: str, static: bool, rows: TransformRows, arrival_ns: int) -> Put:
         """A put of rows that another part of the server has decoded."""
         return cls(authority, static, rows, rows.nbytes, arrival_ns)
+
+    def message(self) -> bytes | None:
+        """The message, if it is of this project's protocol."""
+        if type(self.payload) is TransformRows:
+            return None
+        if type(self.payload) is not bytes:
+            self.payload = self.payload.to_bytes()
+        return self.payload if self.decode is None else None
 
 
 @dataclass(slots=True, eq=False)
@@ -81,6 +95,13 @@ class _Queue:
             self.dynamic.append(put)
         self.bytes += put.size
         self.count += 1
+
+    def has_stale(self, before_s: float) -> bool:
+        """True if the oldest dynamic put was queued before this time, and others came later."""
+        if len(self.dynamic) < 2:
+            return False
+        oldest = self.dynamic[0]
+        return oldest.queued_s < before_s and oldest.parts is None
 
     def drop_oldest(self) -> Put | None:
         """Drop the oldest dynamic put; None if there is none."""
@@ -118,8 +139,16 @@ class Turn:
 
 
 class PutQueues:
-    def __init__(self, max_queue_bytes: int, max_bytes: int, max_puts: int = MAX_PUTS) -> None:
+    def __init__(
+        self,
+        max_queue_bytes: int,
+        max_bytes: int,
+        max_puts: int = MAX_PUTS,
+        max_wait_s: float = inf,
+    ) -> None:
+        """`max_wait_s`: a dynamic put that has waited for longer is stale."""
         self._max_queue_bytes = max_queue_bytes
+        self._max_wait_s = max_wait_s
         self._max_bytes = max_bytes
         self._max_puts = max_puts
         self._queues: dict[str, _Queue] = {}  # with puts or busy, by authority
@@ -131,6 +160,9 @@ class PutQueues:
         # of the first put. That may be dropped later, so the heap of small ones is checked again.
         self._small: list[tuple[int, int, _Queue]] = []
         self._large: list[tuple[int, int, _Queue]] = []
+        self._dropped: list[Put] = []  # as they were stale
+        self._late: _Queue | None = None  # the last one that had stale puts
+        self._late_s = self._other_late_s = -inf  # when that one, and another one, had
         self.bytes = 0
 
     def add(self, put: Put) -> list[Put]:
@@ -160,28 +192,41 @@ class PutQueues:
             self._push(queue)
         return dropped
 
-    def is_full_for(self, authority: str, fraction: float) -> bool:
-        """True if the queue of an authority uses more than a fraction of its bytes or puts."""
+    def is_full_for(self, authority: str, fraction: float, now_s: float = 0.0) -> bool:
+        """True if the queue of an authority uses more than a fraction of its bytes, puts or time to
+        wait."""
         queue = self._queue_for(authority)
         return (
             queue.bytes > fraction * self._max_queue_bytes
             or queue.count > fraction * self._max_puts
+            or (bool(queue.puts) and queue.puts[0].queued_s < now_s - fraction * self._max_wait_s)
         )
 
-    def take(self, *, small_only: bool) -> Turn | None:
-        """The next turn; with `small_only` one that needs little time. None if there is none."""
-        queue = self._pop(small_only)
+    def take(self, *, small_only: bool, now_s: float = 0.0) -> Turn | None:
+        """The next turn; with `small_only` one that needs little time. None if there is none.
+        `take_dropped` returns the puts that were dropped before it."""
+        queue = self._pop(small_only, now_s)
         if queue is None:
             return None
         puts = [queue.popleft()]
         cost = puts[0].size + PUT_COST
-        while queue.puts and cost < _TURN_COST and queue.puts[0].size <= LARGE_BYTES:
+        while (
+            queue.puts
+            and cost < _TURN_COST
+            and queue.puts[0].size <= LARGE_BYTES
+            and puts[-1].parts is queue.puts[0].parts is None
+        ):
             puts.append(queue.popleft())
             cost += puts[-1].size + PUT_COST
         self._forget(puts)
         queue.busy = True
         self._now = max(self._now, queue.start)
         return Turn(queue, puts, cost)
+
+    def take_dropped(self) -> list[Put]:
+        """The stale puts that were dropped since the last call."""
+        dropped, self._dropped = self._dropped, []
+        return dropped
 
     def done(self, turn: Turn) -> None:
         """End a turn, whose puts are committed."""
@@ -231,14 +276,27 @@ class PutQueues:
         heap = self._small if queue.puts[0].size <= LARGE_BYTES else self._large
         heapq.heappush(heap, (queue.start, self._pushed, queue))
 
-    def _pop(self, small_only: bool) -> _Queue | None:
-        """Remove the queue whose turn it is from its heap."""
+    def _drop_stale(self, queue: _Queue, now_s: float) -> None:
+        before_s = now_s - self._max_wait_s
+        if not queue.has_stale(before_s):
+            return
+        if queue is not self._late:
+            self._late, self._other_late_s = queue, self._late_s
+        self._late_s = now_s
+        while self._other_late_s >= before_s and queue.has_stale(before_s):
+            stale = queue.drop_oldest()
+            assert stale is not None
+            self._dropped += self._forget([stale])
+
+    def _pop(self, small_only: bool, now_s: float) -> _Queue | None:
+        """Remove the queue whose turn it is from its heap, and its stale puts from the queue."""
         while self._small or (self._large and not small_only):
             is_small = bool(self._small) and (
                 small_only or not self._large or self._small[0] < self._large[0]
             )
             queue = heapq.heappop(self._small if is_small else self._large)[2]
             queue.waiting = False
+            self._drop_stale(queue, now_s)
             if not queue.puts:  # all were dropped for puts of others
                 self._remove(queue)
             elif small_only and queue.puts[0].size > LARGE_BYTES:

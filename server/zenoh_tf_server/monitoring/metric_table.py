@@ -80,6 +80,9 @@ FROM_STATS: Final[dict[str, Metric]] = {
     "dropped_by_queue": _counter(
         "puts_dropped", "published messages dropped because too many of an authority were waiting"
     ),
+    "dropped_as_stale": _counter(
+        "puts_dropped_as_stale", "those of them that had waited for too long (`put_wait_ms`)"
+    ),
     "replica_age_s": _gauge(
         "replica_age_seconds", "of a replica: how old the state that it serves may be"
     ),

@@ -207,9 +207,7 @@ class _CopyService(Service):
         super().__init__(tree, replica.name, instance, replica.limits, replica._loop, guard=guard)
         self._identity["replica"] = replica._own_id
 
-    def _store(
-        self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
-    ) -> NoReturn:
+    def _store(self, commit: wire.Commit) -> NoReturn:
         raise InvalidArgumentException(
             f"this is a replica, which accepts no writes: send them to the key of tree "
             f"{self.name!r} itself, not to that of its replica",

@@ -52,7 +52,7 @@ class Reads:
 
     def rows(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
         """The fields of the reply to a lookup that does not wait."""
-        self._limits.check_names(lookup.names)
+        self._limits.check_names(len(lookup.names))
         budget.take_reply(_ROW_BYTES * lookup.rows)
         rows = self._tree._read_rows(
             lookup.names,

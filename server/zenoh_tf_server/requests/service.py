@@ -10,9 +10,13 @@ from __future__ import annotations
 import asyncio
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
+from itertools import groupby
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import reply_to_lookup
@@ -21,12 +25,12 @@ from zenoh_tf.errors import TransactionConflict, TransformException
 
 from ..ingest.clock_offsets import ClockOffsets
 from ..ingest.future_stamps import FutureStamps
-from ..ingest.ingest import PutCounters
+from ..ingest.put_commits import Outcome, PutCounters
 from ..ingest.refusals import Refusals
 from ..limits import Limits
 from ..state.file import Stored
 from ..state.static_links import NO_TICKET, StaticLinks
-from ..state.tree_commits import apply
+from ..state.tree_commits import Stores, apply
 from .admin import AdminRequests
 from .batches import Batch
 from .guard import RequestGuard
@@ -225,7 +229,7 @@ class Service(Handler):
         """The fields of the reply to a commit, and the ticket of its durability."""
         self._future.check(commit)
         commit.expires_ns = expires_ns
-        stored, ticket = self._store(commit, by_call=True)
+        stored, ticket = self._store(commit)
         return self._add_seq(wire.commit_reply(stored)), ticket
 
     def _add_seq(self, reply: wire.Message) -> wire.Message:
@@ -238,23 +242,54 @@ class Service(Handler):
         """Wait for what has a ticket. Raises NotDurable."""
         self._links.wait(ticket)
 
-    def commit(self, commit: wire.Commit, max_stamp_ns: int | None = None) -> Any:
-        """Commit a put to the tree: (n,) uint8, 1 stored, 0 dropped, 2 dropped as later than
-        `max_stamp_ns`. Static links are stored soon after."""
-        return self._store(commit, max_stamp_ns, by_call=False)[0]
+    def commit_puts(self, puts: Sequence[wire.Commit]) -> list[Outcome]:
+        """Commit puts to the tree in their order, each as a transaction of its own. Static links
+        are stored soon after."""
+        outcomes: list[Outcome] = []
+        for is_static, together in groupby(puts, key=attrgetter("static")):
+            if is_static:
+                outcomes += map(self._commit_static_put, together)
+            else:
+                outcomes += self._commit_dynamic_puts(list(together))
+        return outcomes
 
-    def _store(
-        self, commit: wire.Commit, max_stamp_ns: int | None = None, *, by_call: bool
-    ) -> tuple[Any, int]:
-        """Commit a transaction to the tree: what is stored, and the ticket of its durability."""
-        self.limits.check_names(commit.rows.names)
-        self.limits.check_names(commit.read_names)
+    def _commit_static_put(self, put: wire.Commit) -> Outcome:
+        try:
+            stored: Stores = self._links.commit(put, by_call=False)[0]
+        except Exception as error:
+            return error
+        return None if stored.all() else stored.tobytes()
+
+    def _commit_dynamic_puts(self, puts: list[wire.Commit]) -> list[Outcome]:
+        outcomes: list[Outcome] = self.tree._commit_puts(
+            [put.rows for put in puts],
+            [put.authority for put in puts],
+            [put.max_stamp_ns for put in puts],
+        )
+        if self.on_commit is not None or self._links.is_stored:
+            for put, outcome in zip(puts, outcomes, strict=True):
+                if outcome is None:
+                    self._committed(put, np.ones(len(put.rows), np.uint8))
+                elif type(outcome) is bytes:
+                    self._committed(put, np.frombuffer(outcome, np.uint8))
+        return outcomes
+
+    def _store(self, commit: wire.Commit) -> tuple[Stores, int]:
+        """Commit a call's transaction to the tree: what is stored, and the ticket of its
+        durability."""
+        self.limits.check_names(commit.rows.name_count)
+        self.limits.check_names(len(commit.read_names))
         if commit.static:
-            return self._links.commit(commit, by_call=by_call)
-        stored = apply(self.tree, commit, max_stamp_ns)
+            return self._links.commit(commit, by_call=True)
+        stored = apply(self.tree, commit)
+        return stored, self._committed(commit, stored)
+
+    def _committed(self, commit: wire.Commit, stored: Stores) -> int:
+        """Follow a dynamic commit that the tree has applied. Returns the ticket of its
+        durability."""
         if self.on_commit is not None:
             self.on_commit(commit, stored)
-        return stored, self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
+        return self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
 
     # --- batches, info and administration
 

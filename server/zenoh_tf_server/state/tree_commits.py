@@ -13,9 +13,8 @@ from .file import StoredLink
 Stores = NDArray[np.uint8]
 
 
-def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = None) -> Stores:
-    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old, 2 dropped as
-    later than `max_stamp_ns`."""
+def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
+    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
     return tree._commit_rows(
         commit.rows,
         authority=commit.authority,
@@ -24,7 +23,6 @@ def apply(tree: TransformTree, commit: wire.Commit, max_stamp_ns: int | None = N
         read_names=commit.read_names,
         read_versions=commit.read_versions,
         expires_ns=commit.expires_ns,
-        max_stamp_ns=max_stamp_ns,
     )
 
 

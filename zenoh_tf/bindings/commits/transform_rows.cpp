@@ -55,43 +55,35 @@ TransformRows from_arrays(nb::handle names, const Column<std::uint32_t>& parent,
   return {std::move(list), std::move(rows)};
 }
 
-// The bytes of a column, if it has `rows` entries of T.
-template <class T>
-const char* column_of(nb::handle column, std::size_t rows) {
-  if (!PyBytes_CheckExact(column.ptr())) return nullptr;
+// The bytes of a column; nullopt if it is none.
+std::optional<std::string_view> column_of(nb::handle column) {
+  if (!PyBytes_CheckExact(column.ptr())) return {};
   const nb::bytes bytes = nb::borrow<nb::bytes>(column);
-  return bytes.size() == rows * sizeof(T) ? bytes.c_str() : nullptr;
+  return std::string_view(bytes.c_str(), bytes.size());
 }
 
 template <class T>
-T entry(const char* column, std::size_t i) {
+T entry(std::string_view column, std::size_t i) {
   T value;
-  std::memcpy(&value, column + i * sizeof(T), sizeof(T));
+  std::memcpy(&value, column.data() + i * sizeof(T), sizeof(T));
   return value;
 }
 
 nb::object parse(nb::handle names, nb::handle parent, nb::handle child, nb::handle stamp,
                  nb::handle pose) {
-  if (!nb::isinstance<nb::list>(names) || !PyBytes_CheckExact(stamp.ptr())) return nb::none();
+  if (!nb::isinstance<nb::list>(names)) return nb::none();
   const nb::list list = nb::borrow<nb::list>(names);
   for (const nb::handle name : list)
     if (!PyUnicode_Check(name.ptr())) return nb::none();
-  const std::size_t n = nb::borrow<nb::bytes>(stamp).size() / sizeof(Stamp);
-  const std::uint64_t count = list.size();
-  const char* const parents = column_of<std::uint32_t>(parent, n);
-  const char* const children = column_of<std::uint32_t>(child, n);
-  const char* const stamps = column_of<Stamp>(stamp, n);
-  const char* const poses = column_of<Pose>(pose, n);
+  const auto parents = column_of(parent), children = column_of(child);
+  const auto stamps = column_of(stamp), poses = column_of(pose);
   if (!parents || !children || !stamps || !poses) return nb::none();
-  std::vector<Row> rows(n);
-  std::uint32_t highest = 0;
-  for_each_row(n, [&](std::size_t i) {
-    rows[i] = {entry<std::uint32_t>(parents, i), entry<std::uint32_t>(children, i),
-               entry<Stamp>(stamps, i), entry<Pose>(poses, i)};
-    highest = std::max({highest, rows[i].parent, rows[i].child});
-  });
-  if (n != 0 && highest >= count) return nb::none();
-  return nb::cast(TransformRows(list, std::move(rows)));
+  const MessageColumns columns{*parents, *children, *stamps, *poses};
+  const std::size_t count = list.size();
+  auto rows = without_gil_if(stamps->size() >= kReleaseFrom * sizeof(Stamp),
+                             [&] { return rows_of(columns, count); });
+  if (!rows) return nb::none();
+  return nb::cast(TransformRows(list, std::move(*rows)));
 }
 
 TransformRows of(nb::handle stampeds) {
@@ -126,7 +118,8 @@ TransformRows join(nb::handle parts) {
   for (const nb::handle part : tuple_of(parts)) {
     const auto& added = nb::cast<const TransformRows&>(part);
     std::vector<std::uint32_t> index;
-    for (const nb::handle name : added.kept_names()) index.push_back(names.index_of(name));
+    const nb::tuple added_names = added.kept_names();
+    for (const nb::handle name : added_names) index.push_back(names.index_of(name));
     for (Row row : added.rows()) {
       row.parent = index[row.parent];
       row.child = index[row.child];
@@ -140,11 +133,12 @@ TransformRows join(nb::handle parts) {
 // costs time for every name.
 TransformRows selected(const TransformRows& of, std::vector<Row> rows) {
   if (2 * rows.size() >= of.texts().size()) return {of.names(), std::move(rows)};
+  const nb::tuple all = of.kept_names();
   nb::list names;
   std::unordered_map<std::uint32_t, std::uint32_t> known;
   const auto renumber = [&](std::uint32_t& name) {
     const auto [at, is_new] = known.try_emplace(name, static_cast<std::uint32_t>(known.size()));
-    if (is_new) names.append(of.kept_names()[name]);
+    if (is_new) names.append(all[name]);
     name = at->second;
   };
   for (Row& row : rows) {
@@ -231,8 +225,49 @@ std::size_t nbytes(const TransformRows& self) {
 
 TransformRows::TransformRows(nb::list names, std::vector<Row> rows)
     : names_(std::move(names)), kept_(tuple_of(names_)), rows_(std::move(rows)) {
-  texts_.reserve(kept_.size());
-  for (const nb::handle name : kept_) texts_.push_back(text_of(name, "names"));
+  const nb::tuple kept = kept_names();
+  texts_.reserve(kept.size());
+  for (const nb::handle name : kept) texts_.push_back(text_of(name, "names"));
+}
+
+TransformRows::TransformRows(nb::object owner, std::vector<std::string_view> texts,
+                             std::vector<Row> rows)
+    : owner_(std::move(owner)), texts_(std::move(texts)), rows_(std::move(rows)) {}
+
+nb::list TransformRows::names() const {
+  if (!names_.is_valid()) make_names();
+  return nb::borrow<nb::list>(names_);
+}
+
+nb::tuple TransformRows::kept_names() const {
+  if (!names_.is_valid()) make_names();
+  return nb::borrow<nb::tuple>(kept_);
+}
+
+void TransformRows::make_names() const {
+  nb::list names;
+  for (const std::string_view text : texts_) names.append(str_of(text));
+  nb::tuple kept = tuple_of(names);
+  if (names_.is_valid()) return;  // another thread came before, while Python made the names
+  kept_ = std::move(kept);
+  names_ = std::move(names);
+}
+
+std::optional<std::vector<Row>> rows_of(const MessageColumns& columns, std::size_t names) {
+  const auto& [parents, children, stamps, poses] = columns;
+  const std::size_t n = stamps.size() / sizeof(Stamp);
+  if (stamps.size() != n * sizeof(Stamp) || parents.size() != n * sizeof(std::uint32_t) ||
+      children.size() != n * sizeof(std::uint32_t) || poses.size() != n * sizeof(Pose))
+    return {};
+  std::vector<Row> rows(n);
+  std::uint32_t highest = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    rows[i] = {entry<std::uint32_t>(parents, i), entry<std::uint32_t>(children, i),
+               entry<Stamp>(stamps, i), entry<Pose>(poses, i)};
+    highest = std::max({highest, rows[i].parent, rows[i].child});
+  }
+  if (n != 0 && highest >= names) return {};
+  return rows;
 }
 
 void bind_transform_rows(nb::module_& m) {
@@ -249,6 +284,7 @@ void bind_transform_rows(nb::module_& m) {
       .def("columns", &columns)
       .def("__len__", [](const TransformRows& self) { return self.rows().size(); })
       .def_prop_ro("names", [](const TransformRows& self) { return self.names(); })
+      .def_prop_ro("name_count", [](const TransformRows& self) { return self.texts().size(); })
       .def_prop_ro("parent", [](nb::handle self) { return view(self, &Row::parent); })
       .def_prop_ro("child", [](nb::handle self) { return view(self, &Row::child); })
       .def_prop_ro("stamp", [](nb::handle self) { return view(self, &Row::stamp); })

@@ -12,19 +12,33 @@ namespace ztf {
 class TransformRows {
  public:
   TransformRows(nb::list names, std::vector<Row> rows);
+  // Of a message, which `owner` keeps alive. The texts point into it, and must be UTF-8.
+  TransformRows(nb::object owner, std::vector<std::string_view> texts, std::vector<Row> rows);
 
-  [[nodiscard]] const nb::list& names() const noexcept { return names_; }
+  // Both make the names of a message when they are asked for: a commit needs only their texts.
+  [[nodiscard]] nb::list names() const;
   // The same, which Python cannot change.
-  [[nodiscard]] const nb::tuple& kept_names() const noexcept { return kept_; }
+  [[nodiscard]] nb::tuple kept_names() const;
   // The names' UTF-8.
   [[nodiscard]] std::span<const std::string_view> texts() const noexcept { return texts_; }
   [[nodiscard]] std::span<const Row> rows() const noexcept { return rows_; }
 
  private:
-  nb::list names_;  // Python may change it
-  nb::tuple kept_;  // keeps the texts alive
+  void make_names() const;
+
+  mutable nb::object names_;  // list, which Python may change; null: not made yet
+  mutable nb::object kept_;   // tuple; null: not made yet
+  nb::object owner_;          // with the names it keeps the texts alive
   std::vector<std::string_view> texts_;
   std::vector<Row> rows_;
 };
+
+// The columns of a message, little-endian.
+struct MessageColumns {
+  std::string_view parent, child, stamp, pose;
+};
+
+// The rows of columns that refer to `names` names; nullopt if they are malformed. Needs no GIL.
+std::optional<std::vector<Row>> rows_of(const MessageColumns& columns, std::size_t names);
 
 }  // namespace ztf
