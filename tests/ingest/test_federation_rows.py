@@ -87,6 +87,68 @@ def test_a_refused_put_is_committed_frame_by_frame() -> None:
     assert all(part.parts is None and part.authority == "r:wheels" for part in parts)
 
 
+def changes(*samples: tuple[str, str, str], static: bool = False, stamp: int = 1) -> wire.Changes:
+    """A message with samples: parent, child, authority."""
+    names = sorted({name for sample in samples for name in sample[:2]})
+    authorities = sorted({sample[2] for sample in samples})
+    count = len(samples)
+    return (
+        names,
+        authorities,
+        np.full(count, wire.stream.STATIC if static else wire.stream.SAMPLE, np.uint8),
+        np.array([names.index(child) for _, child, _ in samples], np.uint32),
+        np.ones(count, np.uint64),
+        np.array([names.index(parent) for parent, _, _ in samples], np.uint32),
+        np.array([authorities.index(each) for *_, each in samples], np.uint32),
+        np.arange(stamp, stamp + count, dtype=np.int64),
+        np.tile([float(stamp), 0, 0, 0, 0, 0, 1], (count, 1)),
+        np.zeros(0, np.uint32),
+    )
+
+
+def test_messages_alike_become_the_same_puts_as_the_first_of_them() -> None:
+    robot, refused = rows_of(most=4)
+    other, _ = rows_of(most=4)
+    moves = ("map", "a", "wheels"), ("a", "b", "wheels"), ("earth", "map", "wheels")
+    messages = [
+        *(changes(*moves, stamp=stamp) for stamp in range(1, 5)),
+        *(changes(*moves, static=True, stamp=stamp) for stamp in (5, 6)),
+        *(changes(*moves[:2], stamp=stamp) for stamp in (7, 8)),
+        *(changes(("map", "a", "wheels"), ("a", "b", "arm"), stamp=stamp) for stamp in (9, 10)),
+        *(changes(("map", "a", "arm"), stamp=stamp) for stamp in (11, 12)),
+        *(changes(("map", "a", "arm"), ("a", "e", "arm"), stamp=stamp) for stamp in (13, 14)),
+        *(changes(("a", "f", "arm"), ("b", "g", "arm"), stamp=stamp) for stamp in (15, 16)),
+        *(changes(*moves, stamp=stamp) for stamp in (17, 18)),
+    ]
+    known = 0
+    for message in messages:
+        known += robot._last is not None
+        other._last = None
+        for ours, theirs in zip(robot.of_changes(message), other.of_changes(message), strict=True):
+            assert (ours.authority, ours.static, ours.size) == (
+                theirs.authority,
+                theirs.static,
+                theirs.size,
+            )
+            assert ours.payload.names == theirs.payload.names
+            assert ours.payload.columns() == theirs.payload.columns()
+    assert known > 5  # otherwise this tests nothing
+    counts = ("received", "left_out", "over_quota")
+    assert [getattr(robot, name) for name in counts] == [getattr(other, name) for name in counts]
+    assert robot.left_out > 0 and robot.over_quota > 0 and refused
+
+
+def test_a_name_that_was_forgotten_counts_again() -> None:
+    robot, _ = rows_of(most=1)
+    message = changes(("map", "a", "wheels"))
+    assert len(list(robot.of_changes(message))) == len(list(robot.of_changes(message))) == 1
+    robot._quota._names.clear()
+    robot._quota._new.clear()
+    robot._quota.generation += 1
+    assert len(list(robot.of_changes(changes(("map", "b", "wheels"))))) == 1
+    assert not list(robot.of_changes(message)) and robot.over_quota == 1
+
+
 def test_what_is_above_the_share_is_refused_and_counted() -> None:
     robot, refused = rows_of(most=10)
     puts = list(robot.of_frames(frames(30, authorities=("wheels", "arm"))))

@@ -40,6 +40,8 @@ class FrameQuota:
         self._names: set[str] = set()
         self._new: set[str] = set()  # since the last refresh: may not be in the tree yet
         self._refresh_s = 0.0
+        #: Grows when names may have been forgotten.
+        self.generation = 0
 
     def __len__(self) -> int:
         return len(self._names)
@@ -109,4 +111,5 @@ class FrameQuota:
             page = old[begin : begin + _PAGE]
             kept.update(name for name in page if self._tree.can_transform(name, name))
         self._names, self._new = kept, set()
+        self.generation += 1
         return True
