@@ -14,6 +14,7 @@ from zenoh_tf.gate import Gate
 from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
+from .failover.connection import open_connection
 from .introspection import Introspection
 from .lookups import Lookups
 from .mirror.mirror import Mirror
@@ -77,7 +78,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
     @classmethod
     def connect(
         cls,
-        endpoint: str = DEFAULT_ENDPOINT,
+        endpoint: str | Sequence[str] = DEFAULT_ENDPOINT,
         tree: str = DEFAULT_TREE,
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
@@ -88,15 +89,17 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
 
         Args:
             endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
-                ``tls/HOST:PORT``.
+                ``tls/HOST:PORT``. Several, as a list or with commas between: the client connects to
+                the first that answers, continues at the next one when that is gone, and returns
+                when it is back; see docs/how-to/replicas.md.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/how-to/security.md.
             reads: How lookups are answered. ``"shared"``: from the server's memory, which this
                 process maps, where the server is on this host and shares its tree; else by queries.
-                ``"query"``: by queries. Both give the same answers and errors. With ``"query"``
-                everything goes over Zenoh; else writes, and lookups that the memory cannot
-                answer, go through a socket of the server, if it is on this host.
+                ``"query"``: by queries, as also with several endpoints. Both give the same answers
+                and errors. With queries everything goes over Zenoh; else writes, and lookups that
+                the memory cannot answer, go through a socket of the server, if it is on this host.
 
         Returns:
             An open client.
@@ -113,7 +116,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
         """
         check(reads)
         local = reads != "query"
-        return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
+        return cls(open_connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
         opened = self._connection
@@ -147,7 +150,7 @@ class TransformClient(Lookups, SensorData, Writes, Introspection):
 
     @property
     def endpoint(self) -> str:
-        """Returns the endpoint that the client connects to."""
+        """Returns the endpoint that the client is connected to, or was last."""
         return self._connection.endpoint
 
     @property

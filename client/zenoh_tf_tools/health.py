@@ -27,7 +27,7 @@ def main() -> int:
         prog="python -m zenoh_tf_tools.health",
         description="Exit with 0 if the server answers, else with 1.",
     )
-    parser.add_argument("--connect", default=environment.endpoint())
+    parser.add_argument("--connect", action="append", metavar="ENDPOINT")
     parser.add_argument("--tree", default=environment.tree())
     parser.add_argument("--timeout", type=duration(above=True), default=2.0, metavar="DURATION")
     add_credentials(parser)

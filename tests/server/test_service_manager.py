@@ -25,10 +25,10 @@ from tests.processes.ports import free_endpoint
 from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys, zenoh_config
+from zenoh_tf._net.link_sockets import LinkSocket, LinkSockets
 from zenoh_tf_server import flags
 from zenoh_tf_server.monitoring import health, service_manager
 from zenoh_tf_server.transport.clients import Clients
-from zenoh_tf_server.transport.link_sockets import LinkSocket, LinkSockets
 from zenoh_tf_server.transport.outbox_links import OutboxLinks
 
 UNIT = Path(__file__).resolve().parents[2] / "server/systemd/zenoh-tf-server.service"

@@ -228,7 +228,13 @@ def test_what_another_server_says_of_a_lost_write_counts_for_nothing(
         def __init__(self) -> None:
             self._server = "the server"
 
-        def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes:
+        def ask(
+            self,
+            key: zenoh.KeyExpr,
+            payload: bytes,
+            timeout_s: float,
+            token: zenoh.CancellationToken | None = None,
+        ) -> bytes:
             return answer
 
     path = str(socket_folder / "main.sock")

@@ -9,6 +9,8 @@ import os
 import socket
 import ssl
 import struct
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 from ..errors import AccessDenied, InvalidArgumentException, ServerUnavailable
@@ -33,6 +35,28 @@ _EXPIRED: Final = 10
 _NOT_YET_VALID: Final = 9
 _UNKNOWN_AUTHORITY: Final = (2, 18, 19, 20, 21)
 _WRONG_NAME: Final = (62, 64)
+
+
+def explain_all(
+    endpoints: Sequence[str], tree: str, timeout_s: float, credentials: Credentials
+) -> Failure:
+    """The error for a list of endpoints of which none could be connected to: as `explain` for each.
+
+    It is AccessDenied if that is so for all of them.
+    """
+    if len(endpoints) == 1:
+        return explain(endpoints[0], tree, timeout_s, credentials)
+    with ThreadPoolExecutor(len(endpoints)) as pool:
+        failures = list(
+            pool.map(lambda each: explain(each, tree, timeout_s, credentials), endpoints)
+        )
+    for failure in failures:
+        if isinstance(failure, InvalidArgumentException):  # of the credentials
+            return failure
+    text = f"none of {len(endpoints)} endpoints can be reached: {'; '.join(map(str, failures))}"
+    if all(isinstance(failure, AccessDenied) for failure in failures):
+        return AccessDenied(text, field=failures[0].field)
+    return ServerUnavailable(text)
 
 
 def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials) -> Failure:

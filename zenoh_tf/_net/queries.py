@@ -48,8 +48,16 @@ class Queries:
         self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         self._server = server
 
-    def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | NoReply:
+    def ask(
+        self,
+        key: zenoh.KeyExpr,
+        payload: bytes,
+        timeout_s: float,
+        token: zenoh.CancellationToken | None = None,
+    ) -> bytes | NoReply:
         """Send a request, and return the bytes of the first reply, or why there is none.
+
+        `token` ends the query, as if the server had gone away.
 
         Raises:
             ServerUnavailable: The session is closed.
@@ -64,6 +72,7 @@ class Queries:
                     attachment=self._attachment,
                     timeout=timeout_s,
                     consolidation=_EACH_REPLY,
+                    cancellation_token=token,
                 ):
                     sample = reply.ok
                     if sample is not None and sample.attachment is None:  # the common case

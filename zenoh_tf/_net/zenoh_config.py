@@ -7,7 +7,8 @@ receiver stalls for 100 ms.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import zenoh
@@ -22,6 +23,10 @@ TLS_PROTOCOLS: Final = ("tls", "quic")
 #: Protocols whose address is a path, not HOST:PORT.
 _PATH_PROTOCOLS: Final = ("unixsock-stream",)
 _MAX_PORT: Final = 65535
+#: As many endpoints stand in one list: each costs an attempt.
+MAX_ENDPOINTS: Final = 16
+#: Between the endpoints of one text; not a comma of an endpoint's own options.
+_SEPARATOR: Final = re.compile(r"\s*,\s*(?=[a-z][a-z-]*/)")
 
 #: Zenoh's `connect/retry`: first pause, longest pause, and their growth.
 Retry = Mapping[str, int]
@@ -45,6 +50,36 @@ def address(endpoint: str) -> str:
 def protocol(endpoint: str) -> str:
     """The protocol of an endpoint, e.g. ``tcp``."""
     return endpoint.partition("/")[0]
+
+
+def endpoints_of(given: str | Iterable[str]) -> tuple[str, ...]:
+    """The endpoints of a list, in its order and each once; commas may separate them in a text.
+
+    Raises:
+        InvalidArgumentException: There is none, there are too many, or Zenoh understands one of
+            them not; ``field`` is "endpoint".
+    """
+    texts = [given] if isinstance(given, str) else list(given)
+    found = tuple(dict.fromkeys(each for text in texts for each in _SEPARATOR.split(text)))
+    if not found:
+        raise InvalidArgumentException(
+            "no endpoint: name at least one, e.g. tcp/HOST:PORT", field="endpoint"
+        )
+    if len(found) > MAX_ENDPOINTS:
+        raise InvalidArgumentException(
+            f"{len(found)} endpoints: the limit is {MAX_ENDPOINTS}",
+            field="endpoint",
+            limit=MAX_ENDPOINTS,
+            value=len(found),
+        )
+    for endpoint in found:
+        check_endpoint(endpoint)
+    return found
+
+
+def addresses(endpoints: Iterable[str]) -> str:
+    """The addresses of endpoints, for messages."""
+    return " or ".join(map(address, endpoints))
 
 
 def check_endpoint(endpoint: str) -> None:
@@ -96,16 +131,21 @@ def client(
     max_message_bytes: int | None = None,
     credentials: Credentials = NO_CREDENTIALS,
 ) -> zenoh.Config:
-    """A session that joins the network at one of `endpoints`, trying for `timeout_s` seconds.
+    """A session that joins the network at the first of `endpoints` that opens one.
+
+    It tries for `timeout_s` seconds. With several endpoints it tries each once, for so long: given
+    a time, Zenoh would try the first one until it is over. After a lost connection Zenoh tries all
+    of them in this order, also for so long each, until one opens.
 
     Raises:
         zenoh.ZError: Zenoh does not accept an endpoint.
     """
-    settings: dict[str, Any] = {
-        "mode": "client",
-        "connect/endpoints": list(endpoints),
-        "connect/timeout_ms": int(timeout_s * 1000),
-    }
+    timeout_ms = int(timeout_s * 1000)
+    settings: dict[str, Any] = {"mode": "client", "connect/endpoints": list(endpoints)}
+    if len(endpoints) == 1:
+        settings["connect/timeout_ms"] = timeout_ms
+    else:
+        settings |= {"connect/timeout_ms": 0, "transport/unicast/open_timeout": timeout_ms}
     settings |= zenoh_settings(credentials)
     if retry is not None:
         settings["connect/retry"] = dict(retry)

@@ -112,7 +112,8 @@ class MirrorFeed:
         self._alarm = Alarm(source.tree)
         self._is_checking = False  # a thread asks who the server is
         self._senders = StreamSenders(source.tree, interest.id if interest else "")
-        self._is_silent = True  # since the last check; read and written without the lock
+        #: Grows with the messages that have come. Written by the listening thread alone.
+        self.heard = 0
         self._clock = ServerClock()
         #: Another one once the stream was silent.
         self.subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
@@ -167,6 +168,11 @@ class MirrorFeed:
             raise ServerUnavailable("the connection is closed")
         raise TimeoutException(f"the snapshot was not complete within {timeout_s:g} s")
 
+    def link_changed(self) -> None:
+        """Accept that messages may come once more: the other link may lag behind the one before."""
+        with self._changed:
+            self._mirroring.link_changed()
+
     def close(self) -> None:
         """Listen no more. May be called again."""
         if not self.source.unsubscribe(self.subscriber):
@@ -202,7 +208,7 @@ class MirrorFeed:
 
     def take(self, batch: list[zenoh.Sample]) -> None:
         """Apply messages."""
-        self._is_silent = False
+        self.heard += len(batch)
         for sample in batch:
             sender = self._senders.instance(str(sample.key_expr))
             if sender is not None:
@@ -215,12 +221,12 @@ class MirrorFeed:
         yield from self._compare_clocks()
         with self._changed:
             self._proceed()
-        silent_periods = 0
+        silent_periods = heard = 0
         for period in itertools.count():
             if (yield Pause(_WATCH_PERIOD_S)):
                 return
-            silent_periods = silent_periods + 1 if self._is_silent else 0
-            self._is_silent = True
+            silent_periods = silent_periods + 1 if self.heard == heard else 0
+            heard = self.heard
             if self._interest and silent_periods and (yield from self._compare_clocks()):
                 self._restart()  # the server was restarted, or has ended the interest
             if silent_periods >= _MAX_SILENT_PERIODS:

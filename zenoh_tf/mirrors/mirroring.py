@@ -1,8 +1,7 @@
 """Keeps a copy of a server's tree up to date, without I/O: messages in, requests out.
 
 The owner feeds in every stream message (`received`) and every reply (`answered`, `failed`), and
-sends the requests that it is given. It must listen to the stream before it sends the first one.
-docs/reference/protocol.md, "stream", describes the messages.
+sends the requests that it is given, once it listens to the stream (docs/reference/protocol.md).
 
     plan ──> pieces ──> catching up ──> complete ──(gap)──> missed ──> complete
       ^___________________________________________________________|  forgotten, or a new server
@@ -241,6 +240,11 @@ class Mirroring:
         """Restart because the copy has, or was sent, what the server has not sent."""
         self._contradictions += 1
         self.restart()
+
+    def link_changed(self) -> None:
+        """Another link may bring what has come before."""
+        if self._live is not None:
+            self._live.begin = self._live.position
 
     def restart(self) -> None:
         """Restart with a snapshot; the last complete copy stays until the new one is."""

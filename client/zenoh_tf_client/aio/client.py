@@ -10,6 +10,7 @@ from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.zenoh_config import address
 from zenoh_tf.mirrors.interest import interest_of
 
+from ..failover.connection import open_connection
 from ..mirror.watching import Terms
 from ..requests.receipt import Receipt
 from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
@@ -79,7 +80,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
     @classmethod
     async def connect(
         cls,
-        endpoint: str = DEFAULT_ENDPOINT,
+        endpoint: str | Sequence[str] = DEFAULT_ENDPOINT,
         tree: str = DEFAULT_TREE,
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
@@ -90,13 +91,16 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
 
         Args:
             endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
-                ``tls/HOST:PORT``.
+                ``tls/HOST:PORT``. Several, as a list or with commas between: the client connects to
+                the first that answers, continues at the next one when that is gone, and returns
+                when it is back; see docs/how-to/replicas.md.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/how-to/security.md.
             reads: How lookups are answered. ``"shared"``: from the server's memory, which this
                 process maps, where the server is on this host and shares its tree; else by queries.
-                ``"query"``: by queries. Both give the same answers and errors.
+                ``"query"``: by queries, as also with several endpoints. Both give the same answers
+                and errors.
 
         Returns:
             An open client of the running event loop.
@@ -116,7 +120,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
             return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
         else:
             local = reads != "query"
-            return cls(Connection(endpoint, tree, timeout_s, credentials, local=local), reads)
+            return cls(open_connection(endpoint, tree, timeout_s, credentials, local=local), reads)
 
     def __repr__(self) -> str:
         opened = self._connection.opened
@@ -153,7 +157,7 @@ class AsyncTransformClient(AsyncLookups, AsyncSensorData, AsyncWrites, AsyncIntr
 
     @property
     def endpoint(self) -> str:
-        """Returns the endpoint that the client connects to."""
+        """Returns the endpoint that the client is connected to, or was last."""
         return self._connection.opened.endpoint
 
     @property

@@ -19,6 +19,9 @@ from .reads import PLAIN, WAITING, MirrorReads
 from .source import MirrorSource
 from .transaction_reads import OwnWrites
 
+#: A stream with heartbeats every 0.1 s that is silent for so long may have lost its link.
+_SILENCE_S: Final = 0.4
+
 _all: Final[weakref.WeakSet[MirrorCopy]] = weakref.WeakSet()
 
 
@@ -45,6 +48,7 @@ class MirrorCopy(MirrorReads):
                 mirror._install(tree)
 
         self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
+        connection.expect(feed, _SILENCE_S)
         self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False

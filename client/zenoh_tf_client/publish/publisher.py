@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import zenoh
 
@@ -17,6 +18,9 @@ from zenoh_tf.errors import LimitExceeded, ServerUnavailable
 from ..requests import columns
 from ..session.calls import SessionCalls
 from ..session.connection import Connection
+
+#: How often a connection that can fail over may check that what is published still gets anywhere.
+_SILENCE_S: Final = 1.0
 
 
 class Publisher:
@@ -28,12 +32,22 @@ class Publisher:
         self._lock = threading.Lock()
         self._calls = connection.calls
         self._calls.add_owner(self)
+        self.heard = 0  # nothing answers puts
+        connection.expect(self, _SILENCE_S)
         with self._calls:
             self._publisher: zenoh.Publisher | None = connection.session.declare_publisher(
                 key,
                 # A sensor that outruns the network waits; losing transforms unseen is worse.
                 congestion_control=zenoh.CongestionControl.BLOCK,
             )
+
+    @property
+    def closed(self) -> bool:
+        """True once nothing is published any more."""
+        return self._publisher is None
+
+    def link_changed(self) -> None:
+        """Zenoh publishes through the new link by itself."""
 
     def put(self, payload: bytes) -> None:
         """Publish a message. Raises ServerUnavailable if the publisher or its session is closed."""

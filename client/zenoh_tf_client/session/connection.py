@@ -6,7 +6,8 @@ Thread safety: all methods; calls of different threads run side by side.
 from __future__ import annotations
 
 import time
-from typing import Final, TypeVar
+from collections.abc import Sequence
+from typing import ClassVar, Final, Protocol, TypeVar
 
 import zenoh
 
@@ -38,19 +39,37 @@ _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
 
 
+class Listener(Protocol):
+    """What uses the link without asking."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has ended."""
+
+    @property
+    def heard(self) -> int:
+        """A number that grows with what has come."""
+
+    def link_changed(self) -> None:
+        """Called when the session's link is another one."""
+
+
 class Connection:
     """A session with one server; see the module. Close it with `close`."""
 
+    _exchange_type: ClassVar[type[Exchange]] = Exchange
+    _queries_type: ClassVar[type[Queries]] = Queries
+
     def __init__(
         self,
-        endpoint: str,
+        endpoint: str | Sequence[str],
         tree: str,
         timeout_s: float,
         credentials: Credentials = NO_CREDENTIALS,
         *,
         local: bool = True,
     ) -> None:
-        """Connect to the server of `tree` at `endpoint`.
+        """Connect to the server of `tree` at `endpoint`, or at the first of several that answers.
 
         `local`: send requests through the server's socket as well, if it is on this host.
 
@@ -63,15 +82,16 @@ class Connection:
             raise InvalidArgumentException(
                 f"timeout_s must be positive, not {timeout_s!r}", field="timeout_s"
             )
-        zenoh_config.check_endpoint(endpoint)
-        zenoh_config.check_encrypted(endpoint, credentials)
-        self.endpoint = endpoint
-        self._address = zenoh_config.address(endpoint)  # for messages: without secrets
+        #: All that it may connect to; it prefers the first ones.
+        self.endpoints = zenoh_config.endpoints_of(endpoint)
+        for each in self.endpoints:
+            zenoh_config.check_encrypted(each, credentials)
+        self._address = zenoh_config.addresses(self.endpoints)  # for messages: without secrets
         self.tree = tree
         self.timeout_s = timeout_s
-        self.exchange = Exchange(tree, self._address, credentials.user, timeout_s)
+        self.exchange = self._exchange_type(tree, self._address, credentials.user, timeout_s)
         deadline_s = time.monotonic() + timeout_s
-        self.session = open_session(endpoint, tree, timeout_s, credentials)
+        self.session = open_session(self.endpoints, tree, timeout_s, credentials)
         self.calls = SessionCalls(self.session.close)
         self.calls.add_owner(self)
         # Each query carries the client's id, so that the server can hold clients apart. The token
@@ -79,7 +99,7 @@ class Connection:
         client_id = str(self.session.zid())
         self.exchange.client_id = client_id
         self.exchange.router = self._router
-        self.queries = Queries(
+        self.queries = self._queries_type(
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
         self.local = LocalRequests(self.queries, tree, client_id, on=local)
@@ -98,6 +118,11 @@ class Connection:
         if hasattr(self, "local"):
             self.calls.add_owner(self)  # the garbage collector has cleared that reference
             self.close()
+
+    @property
+    def endpoint(self) -> str:
+        """The endpoint that the session is, or was last, connected to."""
+        return self.endpoints[0]
 
     @property
     def instance(self) -> str:
@@ -140,6 +165,10 @@ class Connection:
     def last_receipt(self) -> Receipt | None:
         """Of the latest write that the server has replied to; None if there was none."""
         return self.exchange.seen.last_receipt
+
+    def expect(self, listener: Listener, silence_s: float) -> None:
+        """Check the link when a listener has heard nothing for so long, until it is closed or
+        collected, if there is another server to continue at."""
 
     def check_publish(self, authority: str) -> None:
         """Raise AccessDenied if this client may not publish as `authority`."""

@@ -12,7 +12,7 @@ from zenoh_tf._net.credentials import Credentials
 from .connection import DEFAULT_ENDPOINT, DEFAULT_TREE
 from .mapped_tree import Mode
 
-#: The server's endpoint, for example "tcp/robot:7447".
+#: The server's endpoint, for example "tcp/robot:7447", or several with commas between.
 ENDPOINT_VARIABLE: Final = "ZENOH_TF_CONNECT"
 #: The tree's name.
 TREE_VARIABLE: Final = "ZENOH_TF_TREE"
@@ -30,7 +30,7 @@ READS_VARIABLE: Final = "ZENOH_TF_READS"
 
 
 def endpoint() -> str:
-    """The endpoint to connect to if the user names none; an empty variable counts as unset."""
+    """Where to connect if the user names nothing; an empty variable counts as unset."""
     return os.environ.get(ENDPOINT_VARIABLE) or DEFAULT_ENDPOINT
 
 

@@ -238,9 +238,9 @@ class Exchange:
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):
                 yield from self.greet(self._timeout_s * _FIND_SHARE)
-        if self.replica is None or request.request_type not in self.replica.keys:
+        if (replica := self.replica) is None or request.request_type not in replica.keys:
             return None
-        found = yield from self._read_near(self.replica, request, deadline_s)
+        found = yield from self._read_near(replica, request, deadline_s)
         if not isinstance(found, NoReply):
             return found
         if not found.at_once:

@@ -107,7 +107,8 @@ class MappedTree:
         self._wanted = threading.Event()
         self._closed = threading.Event()
         self._follows = False
-        self._is_on = mode == "shared"
+        #: With several servers, memory does not say what the next one must have.
+        self._is_on = mode == "shared" and len(connection.endpoints) == 1
         self._held: SharedTree | None = None  # mapped, but not read now; guarded by the lock
         me = weakref.ref(self)  # the connection must not keep it alive
 

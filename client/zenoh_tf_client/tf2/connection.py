@@ -9,8 +9,9 @@ Thread safety: all functions.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 
-from zenoh_tf._net.zenoh_config import address
+from zenoh_tf._net.zenoh_config import address, endpoints_of
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.session import environment
@@ -22,14 +23,17 @@ _client: TransformClient | None = None
 _waits: WaitLoop | None = None  # of `_client`, once a lookup waits
 
 
-def connect(endpoint: str | None = None, tree: str | None = None) -> TransformClient:
+def connect(
+    endpoint: str | Sequence[str] | None = None, tree: str | None = None
+) -> TransformClient:
     """Return the process's connection; open it if there is none.
 
     Buffers and broadcasters call it without arguments. A script calls it only to name a server,
     before it makes anything else.
 
     Args:
-        endpoint: Where the server listens; None for ZENOH_TF_CONNECT, else the SDK's default.
+        endpoint: Where the server listens, or several such endpoints as for
+            `TransformClient.connect`; None for ZENOH_TF_CONNECT, else the SDK's default.
         tree: The name of the tree; None for ZENOH_TF_TREE, else the SDK's default.
 
     Returns:
@@ -49,10 +53,10 @@ def connect(endpoint: str | None = None, tree: str | None = None) -> TransformCl
                 credentials=environment.client_credentials(),
                 reads=environment.reads(),
             )
-        elif (endpoint or _client.endpoint, tree or _client.tree_name) != (
-            _client.endpoint,
-            _client.tree_name,
-        ):
+        elif (
+            endpoints_of(endpoint or _client._connection.endpoints),
+            tree or _client.tree_name,
+        ) != (_client._connection.endpoints, _client.tree_name):
             raise InvalidArgumentException(
                 f"this process is connected to tree {_client.tree_name!r} at "
                 f"{address(_client.endpoint)}; close() that connection first",

@@ -30,7 +30,7 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
         password_file=args.password_file,
     )
     with TransformClient.connect(
-        args.connect,
+        args.connect or environment.endpoint(),
         tree=args.tree,
         timeout_s=args.timeout,
         credentials=credentials,

@@ -165,9 +165,11 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
     group = parser.add_argument_group("connection and output")
     group.add_argument(
         "--connect",
+        action="append",
         metavar="ENDPOINT",
-        default=default(environment.endpoint()),
-        help="where the server listens (default: the environment's "
+        default=default(None),
+        help="where the server listens; several, with commas between or the option repeated: the "
+        "first that answers, now and later (default: the environment's "
         f"{environment.ENDPOINT_VARIABLE}, else {DEFAULT_ENDPOINT})",
     )
     group.add_argument(

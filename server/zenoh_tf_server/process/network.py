@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -27,6 +28,8 @@ _RUNTIME: Final = "ZENOH_RUNTIME"
 #: Zenoh's receive threads. A publisher that outruns the server occupies one of them while it is
 #: held back (`ingest`). With Zenoh's own two, two such publishers shut out everybody's queries.
 _RECEIVE_THREADS: Final = 16
+#: Between two attempts at several routers.
+_PAUSE_S: Final = 0.1
 
 
 class NetworkError(Exception):
@@ -78,15 +81,27 @@ def open_session(
         if gossip and not connect:
             config.insert_json5("scouting/gossip/enabled", "true")
         config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
-        return zenoh.open(config)
+        return _open(config, connect)
     except zenoh.ZError as error:
         if connect:
-            failure = connect_failure.explain(
-                connect[0], tree, CONNECT_TIMEOUT_S, security.credentials
+            failure = connect_failure.explain_all(
+                connect, tree, CONNECT_TIMEOUT_S, security.credentials
             )
             if isinstance(failure, AccessDenied):
                 raise NetworkError(f"cannot connect: {failure}") from error
         raise NetworkError(explain(str(error), listen, connect)) from error
+
+
+def _open(config: zenoh.Config, connect: Sequence[str]) -> zenoh.Session:
+    """Open a session. Zenoh itself waits for a router that is starting only if there is one."""
+    deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            if len(connect) < 2 or time.monotonic() >= deadline_s:
+                raise
+        time.sleep(_PAUSE_S)
 
 
 def open_client_session(

@@ -82,8 +82,8 @@ class Upstream:
                     time.sleep(_PERIOD_S)
                     continue
                 reason: Exception = error
-                failure = connect_failure.explain(
-                    endpoints[0], self._tree, _EXPLAIN_TIMEOUT_S, credentials
+                failure = connect_failure.explain_all(
+                    endpoints, self._tree, _EXPLAIN_TIMEOUT_S, credentials
                 )
                 if isinstance(failure, AccessDenied):
                     reason = failure

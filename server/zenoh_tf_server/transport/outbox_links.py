@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from zenoh_tf._net.link_sockets import LinkSocket, LinkSockets
+
 from ..requests.handler import UNKNOWN
 from .clients import Clients
-from .link_sockets import LinkSocket, LinkSockets
 
 #: A link that is writable accepts this much, whatever the kernel has free: Zenoh's own queue has
 #: room for two batches of 64 KiB.

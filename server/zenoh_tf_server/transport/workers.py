@@ -27,12 +27,12 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import threads
 from zenoh_tf._net import keys
+from zenoh_tf._net.link_sockets import LinkSockets
 
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
 from .lanes import Admission, Lane, QueuedRequest, QueueShares
-from .link_sockets import LinkSockets
 from .outbox_links import OutboxLinks
 from .replies import Replies, Reply
 

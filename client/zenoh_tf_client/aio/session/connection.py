@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, Self, TypeVar
 
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 
+from ...failover.connection import open_connection
 from ...requests.request import Request
 from ...session import connection
 from ...session.mapped_tree import MappedTree, Mode
@@ -58,12 +59,17 @@ class Connection:
 
     @classmethod
     async def open(
-        cls, endpoint: str, tree: str, timeout_s: float, credentials: Credentials, reads: Mode
+        cls,
+        endpoint: str | Sequence[str],
+        tree: str,
+        timeout_s: float,
+        credentials: Credentials,
+        reads: Mode,
     ) -> Self:
         """Connect; raises what the synchronous `Connection` raises."""
 
         def connect() -> tuple[connection.Connection, MappedTree]:
-            opened = connection.Connection(endpoint, tree, timeout_s, credentials)
+            opened = open_connection(endpoint, tree, timeout_s, credentials)
             return opened, MappedTree(opened, reads)
 
         def close(opened: tuple[connection.Connection, MappedTree]) -> None:

@@ -3,7 +3,8 @@
 Zenoh has no call that sends without blocking. A reply to a client that does not read blocks the
 sending thread, and Zenoh's routing tables with it: the next client that comes or goes then stops
 everyone (docs/explanation/decisions/0008-replies-never-block.md). So the server asks the kernel
-about the link's socket before it hands a reply to Zenoh.
+about the link's socket before it hands a reply to Zenoh. A client ends a link on which nothing
+answers by its socket.
 
 Only links over TCP (tcp, tls, ws) have such a socket, where the system lists a process's open
 files. All others are unknown to this module.
@@ -31,7 +32,7 @@ from typing import Any, Final
 
 import zenoh
 
-log = logging.getLogger("zenoh_tf.server")
+log = logging.getLogger("zenoh_tf")
 
 _OPEN_FILES: Final = "/proc/self/fd"
 #: Off: closing a socket returns at once, and the kernel sends what is left. Zenoh's default waits
@@ -52,6 +53,15 @@ class LinkSocket:
         """Let a close of the socket return at once."""
         with contextlib.suppress(OSError), _borrowed(self.fd) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+
+    def shut(self) -> bool:
+        """End the connection: Zenoh finds it broken. False: it was closed before."""
+        if not self.is_open():
+            return False
+        with _borrowed(self.fd) as connection, contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
+            return True
+        return False
 
     def is_open(self) -> bool:
         """True if the link still has its socket."""
@@ -127,13 +137,8 @@ class LinkSockets:
 
     def cut(self, peer: str) -> bool:
         """End the links to a peer: Zenoh finds them broken. False: no socket of it is known."""
-        found = False
-        for link in self.of_peer(peer):
-            if link is not None and link.is_open():
-                with _borrowed(link.fd) as connection, contextlib.suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)
-                    found = True
-        return found
+        found = [link is not None and link.shut() for link in self.of_peer(peer)]
+        return any(found)
 
     def _changed(self, event: zenoh.LinkEvent) -> None:
         try:
@@ -170,6 +175,12 @@ class LinkSockets:
         links.pop(key, None)
         if not links:
             self._by_peer.pop(peer, None)
+
+
+def shut(src: str, dst: str) -> bool:
+    """End the link between two endpoints: Zenoh finds it broken. False: its socket is not known."""
+    found = _find(src, dst)
+    return found is not None and found.shut()
 
 
 def _find(src: str, dst: str) -> LinkSocket | None:
