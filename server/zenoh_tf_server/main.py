@@ -17,13 +17,13 @@ import uvloop
 
 from zenoh_tf._net import zenoh_config
 from zenoh_tf.errors import TransformException
+from zenoh_tf.mirrors.free_memory import set_up_heaps
 from zenoh_tf.text import printable
 
 from . import flags
 from .monitoring import logs
 from .monitoring.metrics import MetricsMissing
 from .monitoring.monitoring import Monitoring
-from .process.free_memory import set_up_heaps
 from .process.network import NetworkError, set_receive_threads
 from .process.tree_claim import TreeTaken
 from .replica.server import ReplicaServer

@@ -11,6 +11,7 @@ from typing import Any
 
 from zenoh_tf import TransformTree
 from zenoh_tf._net import keys
+from zenoh_tf.mirrors.free_memory import FreeMemory
 
 from . import federation, ros2
 from .ingest.ingest import Ingest
@@ -18,7 +19,6 @@ from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
 from .process import network, sharing
 from .process.abandoned_keys import AbandonedKeys
-from .process.free_memory import FreeMemory
 from .process.sharing import Sharing
 from .process.tree_claim import Claim
 from .requests.guard import RequestGuard

@@ -12,7 +12,7 @@ import pytest
 # Small blocks that are freed, all but the last: without a request glibc keeps them.
 SCRIPT = """
 import ctypes, sys, time
-from zenoh_tf_server.process.free_memory import FreeMemory, resident_bytes
+from zenoh_tf.mirrors.free_memory import FreeMemory, resident_bytes
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
 memory = FreeMemory()
@@ -52,7 +52,7 @@ def test_freed_memory_goes_back() -> None:
 # Threads that allocate at the same time, so that each would get a heap of its own.
 HEAPS = """
 import ctypes, sys, threading
-from zenoh_tf_server.process.free_memory import set_up_heaps
+from zenoh_tf.mirrors.free_memory import set_up_heaps
 if {limit}:
     set_up_heaps()
 libc = ctypes.CDLL(None)
@@ -90,7 +90,7 @@ def test_threads_share_few_heaps() -> None:
 # Requests of 800 kB, one after the other. Several copies of a reply are alive at a time.
 LONG_REQUESTS = """
 import resource, threading
-from zenoh_tf_server.process.free_memory import set_up_heaps
+from zenoh_tf.mirrors.free_memory import set_up_heaps
 if {set_up}:
     set_up_heaps()
 def serve():

@@ -40,6 +40,7 @@ from ..errors import (
 )
 from ..tree import TransformTree
 from .copy import Observer
+from .free_memory import give_back_soon
 from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
 from .own_threads import OwnThreads
 from .source import Source, State
@@ -295,6 +296,8 @@ class MirrorFeed:
                 log.exception("internal error while a new copy was loaded; it is loaded again")
                 self._refused = tree
                 self._mirroring.restart()  # its request waits for its turn
+            if tree is not None and self.state.tree is not None:
+                self._runner.run(self, give_back_soon())
         return tree is not self._refused or tree is None
 
     def end(self) -> None:

@@ -16,9 +16,9 @@ from contextlib import ExitStack
 from typing import Any
 
 from zenoh_tf._net import keys
+from zenoh_tf.mirrors.free_memory import FreeMemory
 
 from ..process.abandoned_keys import AbandonedKeys
-from ..process.free_memory import FreeMemory
 from ..process.upstream import Upstream
 from ..security import access_rules
 from ..settings import ServerSettings

@@ -1,5 +1,8 @@
 """Keeps what the next request will use, and gives other freed memory back to the system.
 
+A server does so for its whole process. Of a client's process only what mirrors used is given back,
+after they have replaced their copies.
+
 glibc keeps in its heaps what large messages have used: 80 queued queries of 16 MB left 150 to
 300 MB, all of it free. It gives that back on request. A request walks all free blocks while nobody
 can allocate from their heap, 13 ms for 30 MB in small pieces, so it is made only after growth.
@@ -14,7 +17,8 @@ import os
 from pathlib import Path
 from typing import Final
 
-from zenoh_tf.threads import Periodic
+from ..threads import Periodic
+from .steps import Pause, Steps
 
 _INTERVAL_S: Final = 2.0
 #: Growth after which free memory is given back.
@@ -36,24 +40,43 @@ _OPTIONS: Final = (
 )
 
 
+#: A copy that was replaced is freed by then; what publishers send a new server comes later.
+_SOON_S: Final = (1.0, 2.0, 4.0, 8.0)
+#: None without glibc.
+_TRIM: Final = getattr(ctypes.CDLL(None), "malloc_trim", None)
+
+
+def give_back() -> None:
+    """Give all freed memory of the process back to the system; does nothing without glibc."""
+    if _TRIM is not None:
+        _TRIM(0)
+
+
+def give_back_soon() -> Steps[None]:
+    """Give back what replacing a copy has used. Each request has a thread, so perhaps a heap of its
+    own, which would keep the most that it ever held."""
+    for pause_s in _SOON_S:
+        if (yield Pause(pause_s)):
+            return
+        give_back()
+
+
 class FreeMemory(Periodic):
     """Gives free memory back whenever the process has grown; does nothing without glibc."""
 
     def __init__(self) -> None:
-        self._trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         super().__init__("free-memory", self._give_back, _INTERVAL_S)
 
     def start(self) -> None:
         """Begin to watch the process's size."""
-        if self._trim is not None and _STATM.exists():
+        if _TRIM is not None and _STATM.exists():
             self._least = resident_bytes()
             super().start()
 
     def _give_back(self) -> None:
-        assert self._trim is not None
         now = resident_bytes()
         if now > self._least + _GROWTH_BYTES:
-            self._trim(0)
+            give_back()
             self._least = resident_bytes()
         self._least = min(self._least, now)
 
