@@ -15,6 +15,7 @@ import pytest
 import zenoh
 
 from tests.attack.processes import Server
+from tests.processes.servers import NO_STALE_PUTS
 from tests.support.seed import seed
 from zenoh_tf._core import TransformRows
 from zenoh_tf._net import zenoh_config
@@ -96,7 +97,8 @@ class Draw:
 
 def test_damaged_messages_of_ros_break_nothing() -> None:
     print(f"\nSEED={SEED}")
-    with Server(sys.executable, "--ros2", "--ros2-static-grace", "1s") as server:
+    flags = ("--ros2", "--ros2-static-grace", "1s", *NO_STALE_PUTS)
+    with Server(sys.executable, *flags) as server:
         config = zenoh_config.client([server.endpoint], 5.0)
         with TransformClient.connect(server.endpoint) as tf, zenoh.open(config) as session:
             moving, bad_attachments, bad_keys = play(tf, session, MESSAGES // 2)

@@ -34,6 +34,10 @@ def starts() -> int:
     return _starts
 
 
+#: How long a put has waited depends on the machine, so only tests of this limit have its default.
+NO_STALE_PUTS = ("--limit", "put_wait_ms=600000")
+
+
 class ServerProcess:
     """A running ``zenoh-tf-server``."""
 
@@ -48,6 +52,8 @@ class ServerProcess:
         self._log = log
         self._log_from = 0
         where = () if "--connect" in flags else ("--listen", endpoint)
+        if not any("put_wait_ms" in flag for flag in flags):
+            flags = (*flags, *NO_STALE_PUTS)
         with log.open("a") as errors:
             # Code of a subclass may change what an import does.
             start = forks.Popen if self.START[0] == "-m" else subprocess.Popen

@@ -62,10 +62,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=_link,
         default=[],
         metavar="LINK",
-        help="ingest what is committed to a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE or "
-        "NAME=ENDPOINT, with ,frames=map:base_link for the paths between these frames only, "
-        ",rate=10 for the newest samples at that many Hz, and ,max-frames=N for its share of the "
-        "frames; repeatable",
+        help="ingest a robot's tree as frames NAME/...: NAME=ENDPOINT or NAME=ENDPOINT/TREE; "
+        ",frames=map:base_link: only the paths between these; ,rate=10: their newest samples at "
+        "10 Hz; ,max-frames=N: its share of the frames; repeatable",
     )
     group.add_argument(
         "--mirror-shared",
