@@ -185,9 +185,16 @@ class Waiters:
         threads.join(self._thread)
 
     def _fail(self, tokens: list[int], reason: str) -> None:
-        for token in tokens:
-            if waiting := self._take(token):
-                waiting.request.fail(ServerUnavailable(reason))
+        with self._lock:
+            ended = [waiting for token in tokens if (waiting := self._remove(token))]
+        if not ended:
+            return
+        # In one call, as each wakes the loop's thread.
+        self._loop.call_soon_threadsafe(_stop_timers, ended)
+        error = ServerUnavailable(reason)
+        for waiting in ended:
+            waiting.rows.cancel()
+            waiting.request.fail(error)
 
     def _check(self, lookup: wire.Lookup, client: str) -> None:
         if lookup.atomic or lookup.versions:
@@ -259,19 +266,25 @@ class Waiters:
     def _take(self, token: int) -> _WaitingLookup | None:
         """Remove a waiting lookup. None: another caller has it."""
         with self._lock:
-            waiting = self._waiting.pop(token, None)
-            if waiting is None:
-                return None
-            request = waiting.request
-            client = request.client
-            request.tokens.discard(token)
-            if not request.tokens and request.name and self._named.get(request.name) is request:
-                del self._named[request.name]
-            self._rows.give_back(client, waiting.lookup.rows)
-            self._links.give_back(client, waiting.links)
+            waiting = self._remove(token)
+        if waiting is None:
+            return None
         waiting.rows.cancel()
         if waiting.timer is not None:
             self._loop.call_soon_threadsafe(waiting.timer.cancel)
+        return waiting
+
+    def _remove(self, token: int) -> _WaitingLookup | None:
+        """The same, under the lock; then its rows are to be cancelled, and its timer."""
+        waiting = self._waiting.pop(token, None)
+        if waiting is None:
+            return None
+        request = waiting.request
+        request.tokens.discard(token)
+        if not request.tokens and request.name and self._named.get(request.name) is request:
+            del self._named[request.name]
+        self._rows.give_back(request.client, waiting.lookup.rows)
+        self._links.give_back(request.client, waiting.links)
         return waiting
 
     def _finish(self, token: int) -> None:
@@ -294,3 +307,9 @@ class Waiters:
         with self._lock:  # `_take` sees the timer, or the lookup is gone and gets none
             if waiting := self._waiting.get(token):
                 waiting.timer = self._loop.call_later(timeout_s, self._finish, token)
+
+
+def _stop_timers(ended: Sequence[_WaitingLookup]) -> None:
+    for waiting in ended:
+        if waiting.timer is not None:
+            waiting.timer.cancel()
