@@ -60,6 +60,7 @@ class _Keeper:
 
     identity: _Identity
     tokens: set[str] = field(default_factory=set)  # of those that can be asked
+    had_token: bool = False
     #: By their tokens: those that declare to keep messages.
     declared: dict[str, Publisher] = field(default_factory=dict)
     retry_s: float = _RETRY_S
@@ -91,8 +92,8 @@ class Histories:
         appeared: Callable[[str, str], None],
         vanished: Callable[[str, str], None],
     ) -> None:
-        """`appeared` and `vanished` get the data's key and the Zenoh id of a publisher that has
-        come, or of whom the last token has gone."""
+        """`appeared` and `vanished` get the data's key and the Zenoh id of publishers of whom the
+        first token has come, or that are gone and would send again what they keep."""
         self._appeared = appeared
         self._vanished = vanished
         self._changed = threading.Condition()
@@ -175,8 +176,11 @@ class Histories:
         """Follow a publisher no more."""
         with self._changed:
             keeper = self._keepers.get((publisher.data, publisher.zid))
-            if keeper is not None and keeper.declared.pop(publisher.token, None) is not None:
-                self._forget_unused(keeper)
+            if keeper is None or keeper.declared.pop(publisher.token, None) is None:
+                return
+            vanished = self._is_gone(keeper)
+        if vanished:
+            self._vanished(*keeper.identity)
 
     def has_sent(self, identity: _Identity) -> None:
         """Ask a silent publisher once more, now that it has sent a message."""
@@ -197,8 +201,7 @@ class Histories:
         if identity[1] == self._own_zid:
             return  # what this server publishes
         if sample.kind == zenoh.SampleKind.DELETE:
-            if self._remove_token(identity, token):
-                self._vanished(*identity)
+            self._token_removed(identity, token)
             return
         with self._changed:
             if token in self._tokens:
@@ -213,25 +216,32 @@ class Histories:
             self._tokens.add(token)
             keeper = self._keepers.setdefault(identity, _Keeper(identity))
             keeper.tokens.add(token)
+            keeper.had_token = True
         self._appeared(*identity)
         self._ask(keeper, [token])
 
-    def _remove_token(self, identity: _Identity, token: str) -> bool:
-        """True if the last token of publishers that will send again what they keep has gone. Those
-        that keep nothing would not, so what they sent stays."""
+    def _token_removed(self, identity: _Identity, token: str) -> None:
         with self._changed:
             keeper = self._keepers.get(identity)
             if keeper is None or token not in keeper.tokens:
-                return False
+                return
             self._tokens.discard(token)
             keeper.tokens.discard(token)
-            self._forget_unused(keeper)
-            return not keeper.tokens and not keeper.is_silent
+            vanished = self._is_gone(keeper)
+        if vanished:
+            self._vanished(*identity)
 
-    def _forget_unused(self, keeper: _Keeper) -> None:
-        """Requires the lock."""
-        if not keeper.tokens and not keeper.declared:
-            del self._keepers[keeper.identity]
+    def _is_gone(self, keeper: _Keeper) -> bool:
+        """Forget a keeper that has neither tokens nor declared publishers. Returns True if it would
+        send again what it keeps; those that keep nothing would not, so what they sent stays.
+
+        Both must have gone, as a token that goes alone can be reported after messages that were
+        sent without it. Requires the lock.
+        """
+        if keeper.tokens or keeper.declared:
+            return False
+        del self._keepers[keeper.identity]
+        return keeper.had_token and not keeper.is_silent
 
     # --- queries
 
