@@ -69,6 +69,8 @@ class Passed(NamedTuple, Generic[T]):
 class Dropped(Generic[T]):
     """An item that a gate has given up.
 
+    The threads of the gate may still report some when `close` has returned.
+
     Attributes:
         item: What was put.
         frame: Its frame.
