@@ -59,7 +59,7 @@ class Server:
     def try_recv(self) -> None:
         return None
 
-    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
         if "piece" in body:
             reached, frames = self._log.read_snapshot(0, 1, 1000)
             fields = wire.snapshot_piece_reply(wire.SnapshotPiece(0, reached, 0, frames))

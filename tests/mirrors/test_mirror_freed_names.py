@@ -186,9 +186,11 @@ def test_the_mirror_of_a_server_whose_names_lose_their_ids(
             tf.remove_frame(f"visitor{i}")
         first_piece = threading.Event()
         moved: list[int] = []
-        ask: Callable[[MirrorSource, str, wire.Message], wire.Message] = MirrorSource.ask
+        ask: Callable[..., wire.Message] = MirrorSource.ask
 
-        def hold_back(self: MirrorSource, request_type: str, body: wire.Message) -> wire.Message:
+        def hold_back(
+            self: MirrorSource, request_type: str, body: wire.Message, wait_s: float
+        ) -> wire.Message:
             request = wire.parse_snapshot_request(body) if request_type == "snapshot" else None
             if request is not None and request.after > 0 and not moved:
                 assert first_piece.wait(10)
@@ -196,7 +198,7 @@ def test_the_mirror_of_a_server_whose_names_lose_their_ids(
                 tf.remove_frame("P")
                 tf.set_transform(link("R", "X", 10 * SECOND))
                 tf.set_transform(link("R", "P", 10 * SECOND))
-            reply = ask(self, request_type, body)
+            reply = ask(self, request_type, body, wait_s)
             if request is not None and request.after == 0:
                 first_piece.set()
             return reply

@@ -44,7 +44,7 @@ from .free_memory import give_back_soon
 from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
 from .own_threads import OwnThreads
 from .source import Source, State
-from .steps import Ask, AskStatus, Pause, Runner, Steps
+from .steps import PART_WAIT_S, Ask, AskStatus, Pause, Runner, Steps
 from .stream_guard import Alarm, StreamSenders, is_ahead
 
 log = logging.getLogger("zenoh_tf.mirror")
@@ -115,6 +115,7 @@ class MirrorFeed:
         self._senders = StreamSenders(source.tree, interest.id if interest else "")
         #: Grows with the messages that have come. Written by the listening thread alone.
         self.heard = 0
+        self._is_applying = False  # written by the listening thread alone
         self._clock = ServerClock()
         #: Another one once the stream was silent.
         self.subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
@@ -210,10 +211,12 @@ class MirrorFeed:
     def take(self, batch: list[zenoh.Sample]) -> None:
         """Apply messages."""
         self.heard += len(batch)
+        self._is_applying = True
         for sample in batch:
             sender = self._senders.instance(str(sample.key_expr))
             if sender is not None:
                 self._received(sender, sample.payload.to_bytes())
+        self._is_applying = False
 
     # --- the stream
 
@@ -222,18 +225,18 @@ class MirrorFeed:
         yield from self._compare_clocks()
         with self._changed:
             self._proceed()
-        silent_periods = heard = 0
+        silent = heard = 0
         for period in itertools.count():
             if (yield Pause(_WATCH_PERIOD_S)):
                 return
-            silent_periods = silent_periods + 1 if self.heard == heard else 0
+            silent = silent + 1 if self.heard == heard and not self._is_applying else 0
             heard = self.heard
-            if self._interest and silent_periods and (yield from self._compare_clocks()):
+            if self._interest and silent and (yield from self._compare_clocks()):
                 self._restart()  # the server was restarted, or has ended the interest
-            if silent_periods >= _MAX_SILENT_PERIODS:
+            if silent >= _MAX_SILENT_PERIODS:
                 if (yield from self._compare_clocks()):
                     self._subscribe_again()
-                    silent_periods = 0
+                    silent = 0
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
                 yield from self._compare_clocks()
 
@@ -319,7 +322,8 @@ class MirrorFeed:
             return
         begin_ns = now_ns()
         try:
-            reply = yield Ask(request.request_type, dict(request.body))
+            wait_s = 0.0 if is_plan else PART_WAIT_S
+            reply = yield Ask(request.request_type, dict(request.body), wait_s)
             if is_plan:
                 if self._interest is not None and "kind" not in reply:
                     raise ServerUnavailable("the server knows no interests")

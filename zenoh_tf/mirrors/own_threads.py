@@ -77,7 +77,7 @@ def _take(feed: MirrorFeed, steps: Steps[None]) -> None:
             if isinstance(step, Pause):
                 outcome = feed.wait_for_end(step.seconds)
             elif isinstance(step, Ask):
-                outcome = feed.source.ask(step.request_type, step.body)
+                outcome = feed.source.ask(step.request_type, step.body, step.wait_s)
             else:
                 outcome = feed.source.status()
         except Exception as failure:  # the routine decides what it means

@@ -59,8 +59,9 @@ class Source(Protocol):
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
         """Undeclare a subscriber; never raises. False: the process is forked."""
 
-    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
-        """Send a request, and return the reply, or raise its error."""
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
+        """Send a request, and return the reply, or raise its error. It may take `wait_s` longer
+        than others."""
 
     def status(self) -> ServerStatus:
         """Ask the server who it is, and for its clock and its last commit."""

@@ -8,12 +8,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from .. import wire
 
 if TYPE_CHECKING:
     from .feed import MirrorFeed
+
+#: How much longer than a plan a part of a copy may take. Many mirrors of a busy machine wait for
+#: each other's parts: if all gave up and asked again, none would ever get one in time.
+PART_WAIT_S: Final = 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,7 @@ class Ask:
 
     request_type: str
     body: wire.Message
+    wait_s: float  # how much longer than others it may take
 
 
 @dataclass(frozen=True, slots=True)

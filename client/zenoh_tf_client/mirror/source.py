@@ -58,9 +58,9 @@ class MirrorSource:
             self._subscribers.remove(subscriber)
         return True
 
-    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
         """Send a request; see `Source`."""
-        return self._connection.call(Call(request_type, body, lambda reply: reply))
+        return self._connection.call(Call(request_type, body, lambda reply: reply, wait_s))
 
     def status(self) -> ServerStatus:
         """Ask the server for its instance id, its clock and its last commit."""

@@ -20,6 +20,7 @@ from zenoh_tf import wire
 from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
+from zenoh_tf.mirrors.free_memory import limit_heaps
 
 from .calls import OPENING, record_zenoh_use
 
@@ -104,6 +105,7 @@ def try_session(
 def _attempt(config: zenoh.Config) -> zenoh.Session:
     """Open a session on another thread. Raises ZError, or ServerUnavailable if the program is
     ending or its process was forked."""
+    limit_heaps()  # before the session's threads start
     opened: Future[zenoh.Session] = Future()
     thread = threading.Thread(target=_open, args=(config, opened), name="open session", daemon=True)
     with OPENING:  # in this thread: the error of a forked process needs no other

@@ -143,8 +143,8 @@ class Pool:
                 self._loop.call_soon_threadsafe(_set, waiting, whole[0] if whole else None)
 
         if isinstance(step, Ask):
-            source.send(step.request_type, step.body, replied, ended)
-            return source.reply(await waiting)
+            source.send(step.request_type, step.body, replied, ended, step.wait_s)
+            return source.reply(await waiting, step.wait_s)
         source.send("hello", source.hello, replied, ended)
         return source.status_of(source.reply(await waiting))
 

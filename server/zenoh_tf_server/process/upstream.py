@@ -103,9 +103,9 @@ class Upstream:
             subscriber.undeclare()
         return True
 
-    def ask(self, request_type: str, body: wire.Message) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
         """Send a request; see `Source`."""
-        return self._ask(request_type, body, _REPLY_TIMEOUT_S)
+        return self._ask(request_type, body, _REPLY_TIMEOUT_S + wait_s)
 
     def status(self) -> ServerStatus:
         """Ask the primary for its instance id, its clock and its last commit."""
@@ -130,17 +130,24 @@ class Upstream:
         body: wire.Message,
         replied: Callable[[zenoh.Reply], None],
         ended: Callable[[], None],
+        wait_s: float = 0.0,
     ) -> None:
-        """Send a request, and return without its reply; see `Queries.send`."""
-        token = zenoh.CancellationToken()
-        payload = wire.pack(body)
+        """Send a request, and return without its reply; see `Queries.send`. It may take `wait_s`
+        longer than others."""
+        timeout_s = _REPLY_TIMEOUT_S + wait_s
         self._queries.send(
-            self._key(request_type), payload, _REPLY_TIMEOUT_S, replied, ended, token
+            self._key(request_type),
+            wire.pack(body),
+            timeout_s,
+            replied,
+            ended,
+            zenoh.CancellationToken(),
         )
 
-    def reply(self, data: bytes | None) -> wire.Message:
-        """The reply in the bytes of one; None: none came. Raises the error that it carries."""
-        return self._parse(self._queries.outcome(data, _REPLY_TIMEOUT_S))
+    def reply(self, data: bytes | None, wait_s: float = 0.0) -> wire.Message:
+        """The reply in the bytes of one that was sent with `wait_s`; None: none came. Raises the
+        error that it carries."""
+        return self._parse(self._queries.outcome(data, _REPLY_TIMEOUT_S + wait_s))
 
     def _ask(self, request_type: str, body: wire.Message, timeout_s: float) -> wire.Message:
         return self._parse(self._queries.ask(self._key(request_type), wire.pack(body), timeout_s))
