@@ -197,7 +197,7 @@ class Limits:
         "the one that was removed longest ago is forgotten",
     )
     connections: int = _limit(
-        1000, "Zenoh connections to the embedded router", "the connection is refused"
+        1200, "Zenoh connections to the embedded router", "the connection is refused"
     )
     local_connections: int = _limit(
         128,

@@ -20,7 +20,7 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.free_memory import set_up_heaps
 from zenoh_tf.text import printable
 
-from . import flags
+from . import capacity, flags
 from .monitoring import logs
 from .monitoring.metrics import MetricsMissing
 from .monitoring.monitoring import Monitoring
@@ -54,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         log.warning(warning)
     set_receive_threads()
     set_up_heaps()
+    capacity.allow_open_files()
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             runner.run(serve(settings))
@@ -85,6 +86,8 @@ async def serve(settings: ServerSettings) -> NoReturn:
     # the modules, which are loaded now and stay, it takes 7 to 20 ms; without them under 1.
     gc.freeze()
     print(_greeting(settings, server.instance), flush=True)
+    if not settings.replica_of:
+        log.info(capacity.report(settings.limits, settings.cache_time_s))
     monitoring.serving(server)
     await stopped
     log.info("stopping")
