@@ -26,7 +26,7 @@ from . import links
 from .client import TIMEOUT_S
 from .merge import Merged, Start, merge
 
-_READY_TIMEOUT_S = 20.0
+_READY_TIMEOUT_S = 100.0
 #: Longer than any pause that a fault makes.
 _STALLED_S = 60.0
 #: How long faults last: some shorter than the clients' time-out, some longer.
@@ -208,7 +208,7 @@ class Chaos:
     def _second_server(self) -> None:
         """It must find that the tree is taken, and end."""
         command = [*self._command, "--connect", self._endpoint]
-        done = subprocess.run(command, capture_output=True, timeout=60, check=False)
+        done = subprocess.run(command, capture_output=True, timeout=150, check=False)
         assert done.returncode == 2, f"a second server ended with {done.returncode}"
 
     def _kill_replica(self) -> None:

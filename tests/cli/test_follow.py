@@ -93,6 +93,6 @@ def test_wait_for_a_server(start_server: StartServer) -> None:
         time.sleep(0.5)
         with start_server(endpoint=endpoint).connect() as tf:
             tf.set_transform(StampedTransform("a", "b", 0, Transform()), static=True)
-            out, err = process.communicate(timeout=50)
+            out, err = process.communicate(timeout=150)
     assert (process.returncode, err) == (0, "")
     assert out.startswith("b in a\n")

@@ -341,7 +341,7 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
         server.kill()
         if restarted:
             start_server(endpoint=server.endpoint)
-        out, err = process.communicate(timeout=50)
+        out, err = process.communicate(timeout=150)
     assert process.returncode == 1
     assert out == ""
     said = "zenoh-tf: the server was restarted" if restarted else "zenoh-tf: ServerUnavailable: "

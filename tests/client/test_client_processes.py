@@ -87,7 +87,7 @@ def run_together(code: str, *arguments: tuple[str, ...]) -> list[int]:
             assert process.stdin is not None
             process.stdin.write("go\n")
             process.stdin.flush()
-        outputs = [process.communicate(timeout=40)[0] for process in processes]
+        outputs = [process.communicate(timeout=150)[0] for process in processes]
         assert [process.returncode for process in processes] == [0] * len(processes)
         return [json.loads(output) for output in outputs]
     finally:

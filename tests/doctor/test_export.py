@@ -202,7 +202,7 @@ def test_graphviz_shows_the_names() -> None:
         input=export.dot(frames, NOW_NS),
         capture_output=True,
         text=True,
-        timeout=40,
+        timeout=150,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")

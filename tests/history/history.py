@@ -77,7 +77,7 @@ def record(driver: Path, run: Run, file: Path) -> History:
     cache_ns = 0 if run.in_order else 64
     arguments: list[object] = [run.concurrency, cache_ns, run.seed, run.threads, TRANSACTIONS]
     arguments += [run.reads, file]
-    subprocess.run([driver, *map(str, arguments)], check=True, timeout=60)
+    subprocess.run([driver, *map(str, arguments)], check=True, timeout=150)
     return load(file, run.in_order)
 
 

@@ -19,7 +19,7 @@ from . import forks
 from .ports import free_endpoint
 
 #: Only a server that hangs takes so long: pytest gives up on the test soon after.
-START_TIMEOUT_S = 50.0
+START_TIMEOUT_S = 150.0
 
 _starts = 0
 

@@ -57,7 +57,7 @@ def test_make_demo_installs_what_it_needs_and_says_how_long_it_takes() -> None:
 @pytest.mark.slow
 def test_demo() -> None:
     with start() as demo:
-        page, errors = demo.communicate(timeout=50)
+        page, errors = demo.communicate(timeout=150)
     assert demo.returncode == 0, errors
     assert errors == ""
     assert "interpolate" in page

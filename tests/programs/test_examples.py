@@ -20,7 +20,7 @@ EXAMPLES = ROOT / "examples"
 def run(name: str, endpoint: str) -> str:
     done = forks.run(
         [sys.executable, EXAMPLES / name, "--connect", endpoint],
-        timeout=50,
+        timeout=150,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -159,7 +159,7 @@ def run(script: str, *arguments: str, status: int = 0) -> None:
         [sys.executable, "-c", script, *arguments],
         capture_output=True,
         text=True,
-        timeout=50,
+        timeout=150,
         check=False,
     )
     assert (done.returncode, done.stderr) == (status, "")
@@ -298,7 +298,11 @@ time.sleep(0.1)
 def test_the_end_waits_for_what_the_garbage_collector_closes() -> None:
     """It clears weak references first, so the exit handler must know the session otherwise."""
     done = subprocess.run(
-        [sys.executable, "-c", COLLECTED], check=True, timeout=50, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", COLLECTED],
+        check=True,
+        timeout=150,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert done.stdout.split() == ["closes", "closed", "end"]
 

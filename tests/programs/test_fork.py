@@ -51,7 +51,7 @@ def run_in_child(server: ServerProcess, action: str, *, connected: bool) -> str:
         ],
         capture_output=True,
         text=True,
-        timeout=40,
+        timeout=150,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")

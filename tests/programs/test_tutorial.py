@@ -69,7 +69,7 @@ def test_each_command_runs_and_prints_what_the_page_shows(
                         time.sleep(
                             2
                         )  # as the page's reader: more than a second after its last sample
-                    done = forks.run(arguments(line), timeout=50, cwd=tmp_path, env=environment)
+                    done = forks.run(arguments(line), timeout=150, cwd=tmp_path, env=environment)
                     faults = 3 if line.startswith("zenoh-tf doctor") else 0
                     assert done.returncode == faults, (line, done.stderr)
                     printed = done.stdout
@@ -87,7 +87,7 @@ def test_the_readme_program_runs(server: Any) -> None:
     program = (ROOT / "examples/first.py").read_text()
     assert program.count("tcp/127.0.0.1:7447") == 1
     program = program.replace("tcp/127.0.0.1:7447", server.endpoint)
-    done = forks.run([sys.executable, "-c", program], timeout=50)
+    done = forks.run([sys.executable, "-c", program], timeout=150)
     assert done.stdout == "one metre ahead of the camera: [3.2 1.  0.5]\n"
 
 

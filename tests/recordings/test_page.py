@@ -114,7 +114,7 @@ def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str)
                         assert process.poll() is None
                         time.sleep(0.05)
                 process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=50)
+            out, err = process.communicate(timeout=150)
         if "--loop" in line:
             assert err == "interrupted\n"
         else:

@@ -56,7 +56,7 @@ def test_the_first_five_minutes(server: ServerProcess) -> None:
                 arguments = [*shlex.split(line)[1:], "--connect", server.endpoint]
                 done = forks.run(
                     [sys.executable, "-m", "zenoh_tf_tools", *arguments],
-                    timeout=50,
+                    timeout=150,
                 )
                 assert done.returncode == 0, done.stderr
                 found[line] = done.stdout
@@ -71,7 +71,7 @@ def test_the_first_five_minutes(server: ServerProcess) -> None:
 
 def test_the_demo() -> None:
     with start(str(ROOT / "examples/demo_ros2.py")) as demo:
-        page, errors = demo.communicate(timeout=50)
+        page, errors = demo.communicate(timeout=150)
     assert demo.returncode == 0, errors
     assert errors == ""
     for name in ("robot1/laser", "robot2/camera", "ros2:0/robot1/robot", "hears on /tf: goal"):
@@ -89,7 +89,7 @@ def test_the_containers_of_the_compose_file(server: ServerProcess) -> None:
         assert command[:2] == ["python", "ros2_robot.py"]
         command[3] = server.endpoint
         robot = start(str(ROOT / "examples/ros2_robot.py"), *command[2:], "--seconds", "1")
-        _, errors = robot.communicate(timeout=50)
+        _, errors = robot.communicate(timeout=150)
         assert robot.returncode == 0, errors
         with server.connect() as tf:
             assert f"ros2:0/{name}/robot" in [each.name for each in tf.authorities()]

@@ -12,7 +12,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / "docker" / "certificates.sh"
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [SCRIPT, *arguments], capture_output=True, text=True, timeout=50, check=False
+        [SCRIPT, *arguments], capture_output=True, text=True, timeout=150, check=False
     )
 
 

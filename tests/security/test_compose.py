@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (line,) = (line for line in text.splitlines() if "certificates.sh" in line)
     script, made, *names = shlex.split(line.strip("# "))
     command = [str(DOCKER.parent / script), str(folder / Path(made).name), *names]
-    subprocess.run(command, check=True, capture_output=True, timeout=50)
+    subprocess.run(command, check=True, capture_output=True, timeout=150)
     return folder
 
 
@@ -70,7 +70,7 @@ def test_the_services_work_together(
         return forks.run(
             [sys.executable, "-m", *command],
             env={"PATH": os.environ["PATH"], **environment, "ZENOH_TF_CONNECT": endpoint},
-            timeout=50,
+            timeout=150,
         )
 
     def command_of(service: str) -> list[str]:

@@ -150,6 +150,6 @@ def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None
             tf.lookup_transforms("a", "b", [1, 2, 3, 4])
         assert caught.value.limit == 3
     path.write_text("[limits]\nrow = 3\n")
-    done = forks.run([sys.executable, "-m", "zenoh_tf_server", "--config", str(path)], timeout=50)
+    done = forks.run([sys.executable, "-m", "zenoh_tf_server", "--config", str(path)], timeout=150)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith("did you mean rows?")

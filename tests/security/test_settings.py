@@ -161,7 +161,7 @@ def test_a_server_that_joins_a_secured_network(
             *(sys.executable, "-m", "zenoh_tf_server", "--connect", router.endpoint),
             *(*user, "--tree", "other"),
         ],
-        timeout=50,
+        timeout=150,
     )
     assert done.returncode == 2 and "guessed" not in done.stderr
     assert "refuses user 'reader'" in done.stderr.splitlines()[-1]

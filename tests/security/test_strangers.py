@@ -230,7 +230,7 @@ def test_passwords_are_not_shown(by_user: ServerProcess, files: Files) -> None:
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return forks.run(
-        [sys.executable, "-m", "zenoh_tf_tools", *arguments], timeout=50, env=environment
+        [sys.executable, "-m", "zenoh_tf_tools", *arguments], timeout=150, env=environment
     )
 
 

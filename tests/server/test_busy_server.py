@@ -113,10 +113,10 @@ def test_queries_beyond_the_limit_are_refused_and_not_run(start_server: StartSer
                 keys.request("main", "lookup"),
                 zenoh.handlers.Callback(on_reply, done.release, indirect=False),
                 payload=payload,
-                timeout=60.0,
+                timeout=150.0,
             )
         for _ in range(64):
-            assert done.acquire(timeout=60.0)
+            assert done.acquire(timeout=150.0)
         assert len(outcomes) == 64
         assert set(outcomes) == {"answered", "refused"}
 

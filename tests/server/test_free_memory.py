@@ -37,7 +37,7 @@ memory.close()
 
 def _kept(start: bool, seconds: float) -> int:
     command = [sys.executable, "-c", SCRIPT.format(start=start, seconds=seconds)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=150)
     grown, kept = map(int, done.stdout.split())
     assert grown > 140e6
     return kept
@@ -76,7 +76,7 @@ def _heaps(*, limit: bool) -> int:
     environment = {name: value for name, value in os.environ.items() if "MALLOC" not in name}
     command = [sys.executable, "-c", HEAPS.format(limit=limit)]
     done = subprocess.run(
-        command, check=True, capture_output=True, text=True, timeout=60, env=environment
+        command, check=True, capture_output=True, text=True, timeout=150, env=environment
     )
     return done.stdout.count("<heap nr=")
 
@@ -114,7 +114,7 @@ def _page_faults(*, set_up: bool) -> int:
     environment = {name: value for name, value in os.environ.items() if "MALLOC" not in name}
     command = [sys.executable, "-c", LONG_REQUESTS.format(set_up=set_up)]
     done = subprocess.run(
-        command, check=True, capture_output=True, text=True, timeout=60, env=environment
+        command, check=True, capture_output=True, text=True, timeout=150, env=environment
     )
     return int(done.stdout)
 

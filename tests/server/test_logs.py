@@ -235,7 +235,7 @@ def test_uncaught_exceptions_and_warnings_are_records() -> None:
         "thread.start(); thread.join()\n"
         "raise ValueError('\\x1b at the end')\n"
     )
-    done = forks.run([sys.executable, "-c", code], timeout=60)
+    done = forks.run([sys.executable, "-c", code], timeout=150)
     warning, in_thread, at_end = map(json.loads, done.stderr.splitlines())
     assert "\x1b" not in done.stderr
     assert warning["logger"] == "py.warnings" and "red" in warning["message"]

@@ -230,7 +230,7 @@ def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
     done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", "--metrics", "127.0.0.1:0"],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        timeout=50,
+        timeout=150,
     )
     assert done.returncode == 2
     assert done.stderr.strip() == (

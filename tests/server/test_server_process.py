@@ -39,7 +39,7 @@ UNTIL_TIMEOUT = 7
 
 def refused(*flags: str) -> str:
     """Run a server that must not start. Returns what it wrote to standard error."""
-    done = forks.run([sys.executable, "-m", "zenoh_tf_server", *flags], timeout=50)
+    done = forks.run([sys.executable, "-m", "zenoh_tf_server", *flags], timeout=150)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     return done.stderr.strip()

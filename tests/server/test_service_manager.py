@@ -87,7 +87,7 @@ def test_a_server_that_cannot_start_is_never_ready(
     server = start_server()
     assert receive(manager).startswith("READY=1")
     command = [sys.executable, "-m", "zenoh_tf_server", "--listen", server.endpoint]
-    assert subprocess.run(command, capture_output=True, timeout=50, check=False).returncode == 2
+    assert subprocess.run(command, capture_output=True, timeout=150, check=False).returncode == 2
     assert server.stop() == 0
     assert receive(manager) == "STOPPING=1"
 
@@ -222,7 +222,7 @@ def test_the_unit_is_valid(tmp_path: Path) -> None:
     program = unit()["Service"]["ExecStart"].split()[0]
     copy.write_text(UNIT.read_text().replace(f"ExecStart={program}", f"ExecStart={sys.executable}"))
     done = subprocess.run(
-        [analyze, "verify", copy], capture_output=True, text=True, timeout=50, check=False
+        [analyze, "verify", copy], capture_output=True, text=True, timeout=150, check=False
     )
     problems = [line for line in done.stderr.splitlines() if UNIT.name in line]
     assert not problems

@@ -163,7 +163,7 @@ def test_a_server_that_cannot_start_leaves_no_socket(
     flags = ("--share-dir", str(socket_folder), "--listen", server.endpoint)
     done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", *flags],
-        timeout=60,
+        timeout=150,
     )
     assert (done.returncode, "already in use" in done.stderr) == (2, True)
     assert len(list(socket_folder.glob("*"))) == 1
@@ -183,7 +183,7 @@ def test_what_was_asked_for_and_cannot_be_is_an_error(flags: tuple[str, ...], er
     where = () if "--connect" in flags else ("--listen", free_endpoint())
     done = forks.run(
         [sys.executable, "-m", "zenoh_tf_server", *where, *flags],
-        timeout=60,
+        timeout=150,
     )
     assert done.returncode == 2
     assert error in done.stderr and "Traceback" not in done.stderr

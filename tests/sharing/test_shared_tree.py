@@ -259,7 +259,7 @@ else:
     del tree
     os._exit(0)
 """
-    forks.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=60)
+    forks.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=150)
 
 
 def test_a_region_can_be_read_but_not_written() -> None:

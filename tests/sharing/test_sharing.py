@@ -283,7 +283,7 @@ with TransformClient.connect(sys.argv[1]) as tf:
 """
     done = forks.run(
         [sys.executable, "-c", script, server.endpoint, str(socket_folder)],
-        timeout=60,
+        timeout=150,
     )
     assert done.stdout.split() == ["query", "1"], done.stderr
 
@@ -345,7 +345,7 @@ assert tf.reads == "shared" and not tf.can_transform("map", "base")
         ],
         cwd=ROOT,
         check=True,
-        timeout=60,
+        timeout=150,
     )
 
 

@@ -20,7 +20,7 @@ from zenoh_tf.errors import LookupException, NoDataForExtrapolationException, No
 from zenoh_tf_client import TransformClient
 
 POSE = Transform((0.1, -0.0, 1e-300), (0.5, -0.5, 0.5, 0.5))
-START_TIMEOUT_S = 30
+START_TIMEOUT_S = 150
 
 
 def link(parent: str, child: str, x: float = 0.0, stamp_ns: int = 0) -> StampedTransform:

@@ -31,13 +31,13 @@ def call(capsys: pytest.CaptureFixture[str], *args: str) -> Done:
 
 def run(*args: str) -> Done:
     """One command as a process, to its end."""
-    return forks.run([sys.executable, *MODULE, *args], timeout=40)
+    return forks.run([sys.executable, *MODULE, *args], timeout=150)
 
 
 def run_without(library: str, *args: str) -> Done:
     """`run` where a library is not installed."""
     code = f"import sys; sys.modules[{library!r}] = None; from zenoh_tf_tools.cli.main import run; "
-    return forks.run([sys.executable, "-c", code + "run()", *args], timeout=40)
+    return forks.run([sys.executable, "-c", code + "run()", *args], timeout=150)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 #: Longer than anything takes that works; pytest gives up on a test later.
-DEADLINE_S = 50.0
+DEADLINE_S = 150.0
 
 
 def wait_until(condition: Callable[[], T], what: str | Callable[[], object] = "") -> T:

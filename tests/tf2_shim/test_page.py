@@ -20,7 +20,7 @@ FILTER_EXAMPLE = ROOT / "examples/message_filter.py"
 
 
 def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
-    return forks.run([sys.executable, *command], timeout=50)
+    return forks.run([sys.executable, *command], timeout=150)
 
 
 def test_the_example_runs(shared_server: Any) -> None:

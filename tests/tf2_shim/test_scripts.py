@@ -152,7 +152,7 @@ def run(server: Any, script: str, *folders: Path) -> list[str]:
         [sys.executable, "-c", script],
         capture_output=True,
         text=True,
-        timeout=50,
+        timeout=150,
         check=False,
         env=environment,
     )

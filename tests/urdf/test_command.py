@@ -34,7 +34,7 @@ def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
 def run(*args: str | Path) -> Done:
     return forks.run(
         [sys.executable, "-m", "zenoh_tf_tools", "urdf", *map(str, args)],
-        timeout=40,
+        timeout=150,
     )
 
 

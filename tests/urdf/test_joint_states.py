@@ -293,7 +293,7 @@ def test_a_restarted_server_gets_everything_again(start_server: Any, command: An
 def test_print_and_joint_states_exclude_each_other() -> None:
     done = forks.run(
         [sys.executable, "-m", "zenoh_tf_tools", "urdf", str(ARM), "--print", "--joint-states"],
-        timeout=40,
+        timeout=150,
     )
     assert done.returncode == 2
     assert "--print asks no server" in done.stderr

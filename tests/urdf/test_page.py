@@ -55,7 +55,7 @@ def run(line: str, endpoint: str, folder: Path) -> str:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("listening to /")
         process.send_signal(signal.SIGINT)
-    out, errors = process.communicate(timeout=40)
+    out, errors = process.communicate(timeout=150)
     assert process.returncode == (-signal.SIGINT if follows else 0), errors
     assert errors == ("interrupted\n" if follows else "")
     return out
@@ -89,7 +89,7 @@ def test_without_a_robot(shared_server: ServerProcess, tmp_path: Path) -> None:
     assert run(question, shared_server.endpoint, tmp_path).startswith("tool in base\n")
     for process in running:
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=40)
+        _, errors = process.communicate(timeout=150)
         assert process.returncode in (0, -signal.SIGINT), errors
 
 
