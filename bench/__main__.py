@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import machine
-from bench.parts import asynchronous, mirrors, native, readers, reads, sensors, service
+from bench.parts import asynchronous, crowd, mirrors, native, readers, reads, sensors, service
 from bench.report import Report
 
 #: The parts that need no Python package, together named "core".
@@ -32,6 +32,7 @@ PARTS = CORE | {
     "mirrors": mirrors.measure,
     "async": asynchronous.measure,
     "sizing": service.sizing,
+    "crowd": crowd.measure,
 }
 #: A higher load average spoils results.
 MAX_LOAD = 1.0

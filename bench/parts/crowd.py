@@ -1,0 +1,121 @@
+"""What the puts of many robots cost a server, and how old its data is, beside a bare subscriber in
+Python that only receives them; and beside a program that keeps a core busy.
+
+``python -m bench.parts.crowd ENDPOINT`` is the subscriber: it answers with the messages received.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import random
+import sys
+import time
+
+import numpy as np
+import zenoh
+
+from bench.machine import cpu_s
+from bench.parts.robots import FRAMES, RATE_HZ, robots
+from bench.process import Process, serve
+from bench.report import Report, Trial, ratios
+from bench.server import Server, shared_client
+from zenoh_tf._net import zenoh_config
+from zenoh_tf_client import TransformClient
+
+#: Robots, and the rate of each; all send 60 frames in a message.
+CROWDS = ((10, RATE_HZ), (30, RATE_HZ), (100, RATE_HZ), (1000, 4))
+STARVED = (30, 100)
+SAMPLES_HZ = 200
+BUSY = "while True: pass"
+
+
+def measure(report: Report) -> None:
+    """Each crowd beside an idle machine, then some beside a busy core."""
+    for count, rate_hz in CROWDS[: 1 if report.quick else None]:
+        case = {"case": f"{count} robots at {rate_hz} Hz", "busy cores": 0}
+        runs = {
+            "zenoh-tf": functools.partial(_server, report, count, rate_hz),
+            "bare subscriber": functools.partial(_subscriber, report, count, rate_hz),
+        }
+        cells = report.compare(case, runs, 3)
+        us = (cells[system].values("us_per_put") for system in runs)
+        report.target(f"{case['case']}, processor time to a bare one's", ratios(*us), "<=", 1.8)
+        if count == 1000:
+            ours = cells["zenoh-tf"]
+            report.target(f"{case['case']}, age p99, ms", ours.values("age_p99_ms"), "<=", 300)
+            report.target(f"{case['case']}, cores", ours.values("cores"), "<=", 1.2)
+    for count in STARVED if not report.quick else ():
+        with Process(sys.executable, "-c", BUSY, wait=False):
+            case = {"case": f"{count} robots at {RATE_HZ} Hz", "busy cores": 1}
+            run = functools.partial(_server, report, count, RATE_HZ)
+            cell = report.compare(case, {"zenoh-tf": run}, 3)["zenoh-tf"]
+        share, age_ms = (0.95, 20) if count == 30 else (0.6, 250)
+        name = f"{count} robots beside a busy core"
+        report.target(f"{name}, share stored", cell.values("stored"), ">=", share)
+        report.target(f"{name}, age p50, ms", cell.values("age_p50_ms"), "<=", age_ms)
+
+
+def _server(report: Report, count: int, rate_hz: float) -> Trial:
+    with (
+        Server() as server,
+        robots(server.endpoint, count, 1, rate_hz, count),
+        shared_client(server.endpoint) as tf,
+    ):
+        tf.lookup_transform("map", f"robot{count - 1}/frame59", timeout_s=60.0)
+        time.sleep(report.seconds(5.0))
+        before, begun_s, spent_s = tf.stats(), time.monotonic(), cpu_s(server.pid)
+        ages_ms = _ages_ms(tf, count, report.seconds(10.0))
+        spent_s = cpu_s(server.pid) - spent_s
+        now, took_s = tf.stats(), time.monotonic() - begun_s
+    puts = max(1, now["puts"] - before["puts"])
+    p50, p99 = map(float, np.percentile(ages_ms, (50, 99)))
+    return {
+        "us_per_put": 1e6 * spent_s / puts,
+        "cores": spent_s / took_s,
+        "stored": (now["put_transforms"] - before["put_transforms"])
+        / (count * rate_hz * FRAMES * took_s),
+        "age_p50_ms": p50,
+        "age_p99_ms": p99,
+        "dropped_as_stale": now["dropped_as_stale"] - before["dropped_as_stale"],
+        "dropped_by_queue": now["dropped_by_queue"] - before["dropped_by_queue"],
+    }
+
+
+def _ages_ms(tf: TransformClient, count: int, for_s: float) -> list[float]:
+    """How old the newest pose of one robot after another is."""
+    found: list[float] = []
+    end_s = time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        frame = f"robot{random.randrange(count)}/frame59"
+        stamp_ns = tf.lookup_latest_transform("map", frame).stamp_ns
+        found.append((time.monotonic_ns() - stamp_ns) / 1e6)
+        time.sleep(1 / SAMPLES_HZ)
+    return found
+
+
+def _subscriber(report: Report, count: int, rate_hz: float) -> Trial:
+    with Server("bench.parts.crowd") as bare, contextlib.ExitStack() as stack:
+        stack.enter_context(robots(bare.endpoint, count, 1, rate_hz, count))
+        time.sleep(report.seconds(5.0))
+        before, begun_s, spent_s = bare.ask(), time.monotonic(), cpu_s(bare.pid)
+        time.sleep(report.seconds(10.0))
+        spent_s = cpu_s(bare.pid) - spent_s
+        took_s, puts = time.monotonic() - begun_s, bare.ask() - before
+    return {"us_per_put": 1e6 * spent_s / max(1, puts), "cores": spent_s / took_s}
+
+
+def main() -> None:
+    received = 0
+
+    def on_put(sample: zenoh.Sample) -> None:
+        nonlocal received
+        received += len(sample.payload.to_bytes()) > 0
+
+    with zenoh.open(zenoh_config.router([sys.argv[1]])) as session:
+        session.declare_subscriber("**", on_put)
+        serve(lambda _: received)
+
+
+if __name__ == "__main__":
+    main()
