@@ -158,14 +158,22 @@ class Beside:
         note = f"quiet {each[0]:.1f}, plain load {each[1]:.1f}, attack {each[2]:.1f} ms"
         return Finding(f"p99 of {kind} to plain load", each[2] / each[1], "x", bound, note)
 
-    def ages(self, kind: str = "sensor") -> list[float]:
-        """The ages in ms of the newest data during the attack."""
-        window = self.attack
+    def ages(self, kind: str = "sensor", window: Window | None = None) -> list[float]:
+        """The ages in ms of the newest data during the attack, or another window."""
+        window = window or self.attack
         return [
             1e3 * call.age_s
             for call in self.calls[kind]
             if window.start_s < call.end_s < window.end_s
         ]
+
+    def age_ratio(self, percent: float, bound: float, kind: str = "sensor") -> Finding:
+        """A percentile of the ages, as a multiple of that beside plain load."""
+        windows = (self.quiet, self.load, self.attack)
+        each = [float(np.percentile(self.ages(kind, window), percent)) for window in windows]
+        note = f"quiet {each[0]:.1f}, plain load {each[1]:.1f}, attack {each[2]:.1f} ms"
+        name = f"age of a sensor's data, p{percent:.0f}, to plain load"
+        return Finding(name, each[2] / each[1], "x", bound, note)
 
 
 def beside(

@@ -6,6 +6,7 @@ Each prints "ready", waits for a line on stdin, and continues until it is killed
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import mmap
 import os
@@ -160,6 +161,23 @@ def puts(opened: zenoh.Session, rows: str, authority: str) -> None:
         publisher.put(messages.pack(body))
 
 
+def liar(opened: zenoh.Session, endpoint: str) -> None:
+    """A robot that sends 333,000 transforms a second and restarts every second. After each restart
+    it has another name and other frames; some puts are in a sensor's name."""
+    rows, rate_hz = 333, 1000
+    opened.close()
+    ready()
+    for life in itertools.count():
+        body = messages.star(f"liar{life}_", 0, rows)
+        with messages.session(endpoint) as robot:
+            begin_s = time.monotonic()
+            for put in range(rate_hz):
+                name = "probe_sensor" if put % 10 == 0 else f"liar{life}"
+                body["stamp"] = np.full(rows, time.time_ns(), "<i8").tobytes()
+                robot.put(keys.put(messages.TREE, name, static=False), messages.pack(body))
+                time.sleep(max(0.0, begin_s + put / rate_hz - time.monotonic()))
+
+
 def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
     """One message that waits with many rows; says when it was refused."""
     body = messages.same_lookup(int(rows), "probe_map", "probe_never")
@@ -190,7 +208,7 @@ def known_waiters(opened: zenoh.Session, queries: str, timeout_s: str) -> None:
 
 def main() -> None:
     kind, endpoint, *arguments = sys.argv[1:]
-    busy = (frozen, local_frozen, lookups, local_flood, remembered, puts, region)
+    busy = (frozen, local_frozen, lookups, local_flood, remembered, puts, liar, region)
     kinds = (*busy, waiters, known_waiters)
     play = {each.__name__: each for each in kinds}[kind]
     with messages.session(endpoint) as opened:

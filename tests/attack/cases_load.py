@@ -1,4 +1,4 @@
-"""Attacks 1, 2, 4, 7 and 13: what clients do to each other's calls."""
+"""Attacks 1, 2, 4, 7, 13 and 28: what clients do to each other's calls."""
 
 from __future__ import annotations
 
@@ -142,3 +142,18 @@ def _beside_load(arena: Arena, *each: tuple[str, ...]) -> list[Finding]:
         found = beside(server, ["lookup", "sensor"], begin, 8.0, load=len(each) + 1)
     outage = found.outages()[0]
     return [found.p99("lookup", P99_RATIO), outage, _age(found.ages())]
+
+
+@case("28: a robot sends 333,000 transforms/s, lies about names and restarts every second")
+def lying_robot(arena: Arena) -> list[Finding]:
+    with (
+        arena.opened() as (server, opened),
+        attackers(server, ("liar", server.endpoint)) as begin,
+    ):
+        found = beside(server, ["lookup", "sensor"], begin, 10.0)
+        stats = messages.value(opened, "info", "stats")
+    note = (
+        f"{stats['puts']:,} puts, {stats['frames']:,} frames, {stats['dropped_as_stale']:,} stale"
+    )
+    stored = Finding("transforms of puts that were stored", stats["put_transforms"], "", note=note)
+    return [found.age_ratio(50, 2.0), found.age_ratio(99, 2.0), found.outages()[0], stored]
