@@ -135,11 +135,17 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         options.security = security.from_flags(options, options.access)
     except TransformException as error:
         flags.error(str(error))
-    if options.security.authenticates and not options.connect and ros2.from_flags(options).enabled:
-        flags.error(
-            "where clients must prove who they are, this server's router carries no ROS 2 keys: "
-            "join the robots' router with --connect"
-        )
+    if options.security.authenticates and not options.connect:
+        foreign = None
+        if ros2.from_flags(options).enabled:
+            foreign = "ROS 2 keys"
+        elif federation.from_flags(options).patterns:
+            foreign = "other trees"
+        if foreign is not None:
+            flags.error(
+                "where clients must prove who they are, this server's router carries no "
+                f"{foreign}: join the robots' router with --connect"
+            )
     return options
 
 

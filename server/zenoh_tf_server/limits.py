@@ -204,6 +204,11 @@ class Limits:
         "connections of clients on this host, who send requests through a Unix socket",
         "the connection is closed, and the client's requests go over Zenoh",
     )
+    robots: int = _limit(
+        1200,
+        "robots that `--mirror-of 'PATTERN'` finds until the server ends; they share the frames",
+        "a further robot is left out, and named in the log",
+    )
 
     def check(self, name: str, value: int) -> None:
         """Raise LimitExceeded if `value` is above the limit `name`."""

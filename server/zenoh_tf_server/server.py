@@ -88,7 +88,8 @@ class Server:
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
-            federation.start(settings.federation, settings.security, limits, service, ingest, stack)
+            robots = settings.federation
+            federation.start(robots, settings.security, service, ingest, session, stack)
             self._start_upkeep(settings, ingest, stack)
             self.clients.start(session, settings.tree)
             stack.callback(workers.close)

@@ -22,6 +22,11 @@ _LINK: Final = re.compile(
     r"(?P<endpoint>[a-z]+/(?:\[[^\]/]*\]|[^/:\[\]]+):[0-9]+)(?:/(?P<tree>[^,]+))?"
     r"(?P<options>(?:,[^,=]+=[^,]*)*)"
 )
+#: What a robot may be called.
+_NAME: Final = re.compile(r"[^/:=,\x00-\x20\x7f]+")
+_PATTERN: Final = re.compile(
+    r"(?P<before>[^*=,]*)\*(?P<after>[^*=,]*)(?P<options>(?:,[^,=]+=[^,]*)*)"
+)
 #: A robot has at most so many frames.
 _MAX_FRAMES: Final = 10**9 - 1
 
@@ -45,11 +50,33 @@ class RobotAddress:
     share: Share = Share()
 
 
+@dataclass(frozen=True, slots=True)
+class RobotPattern:
+    """The trees of robots that are found on the server's own network: ``robots/*``."""
+
+    before: str
+    after: str
+    share: Share = Share()
+
+    def robot_of(self, tree: str) -> str | None:
+        """The name of the robot that has a tree, which is what the ``*`` stands for; None if the
+        tree does not match, or no robot may be called so.
+
+        Args:
+            tree: The tree's name.
+        """
+        if not (tree.startswith(self.before) and tree.endswith(self.after)):
+            return None
+        name = tree[len(self.before) : len(tree) - len(self.after)]
+        return name if _NAME.fullmatch(name) else None
+
+
 @dataclass(frozen=True)
 class FederationSettings:
     """What the flags of `add_flags` say."""
 
     links: tuple[RobotAddress, ...] = ()
+    patterns: tuple[RobotPattern, ...] = ()
     shared: tuple[str, ...] = ()
 
 
@@ -62,9 +89,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=_link,
         default=[],
         metavar="LINK",
-        help="ingest a robot's tree as frames NAME/...: NAME=ENDPOINT or NAME=ENDPOINT/TREE; "
-        ",frames=map:base_link: only the paths between these; ,rate=10: their newest samples at "
-        "10 Hz; ,max-frames=N: its share of the frames; repeatable",
+        help="ingest a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE, or 'robots/*': all "
+        "such trees on this network; ,frames=map:base_link: only their paths; ,rate=10: their "
+        "newest samples at 10 Hz; ,max-frames=N: its share; repeatable",
     )
     group.add_argument(
         "--mirror-shared",
@@ -83,25 +110,31 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error(
             "--mirror-of and --replica-of exclude each other: a replica has its primary's tree"
         )
-    for name, count in Counter(link.name for link in options.mirror_of).items():
+    for name, count in Counter(link.name for link in from_flags(options).links).items():
         if count > 1:
             parser.error(f"--mirror-of: {count} robots are called {name!r}")
 
 
 def from_flags(options: argparse.Namespace) -> FederationSettings:
     """The settings that the flags say."""
-    return FederationSettings(tuple(options.mirror_of), tuple(options.mirror_shared))
+    links = [link for link in options.mirror_of if isinstance(link, RobotAddress)]
+    patterns = [link for link in options.mirror_of if isinstance(link, RobotPattern)]
+    return FederationSettings(tuple(links), tuple(patterns), tuple(options.mirror_shared))
 
 
-def _link(text: str) -> RobotAddress:
-    match = _LINK.fullmatch(text)
-    if match is None:
+def _link(text: str) -> RobotAddress | RobotPattern:
+    pattern, match = _PATTERN.fullmatch(text), _LINK.fullmatch(text)
+    if pattern is None and match is None:
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE or ...,OPTION=VALUE, as in "
+            f"{quoted(text)} is not NAME=PROTOCOL/HOST:PORT/TREE, or a pattern of trees such as "
+            "'robots/*', with options ...,OPTION=VALUE, as in "
             "robot1=tcp/10.0.0.1:7447/main,frames=map:base_link,rate=10; a name has no '/', ':', "
             "'=', ',' or space"
         )
     try:
+        if match is None:
+            assert pattern is not None
+            return RobotPattern(pattern["before"], pattern["after"], _share(pattern["options"]))
         link = RobotAddress(
             match["name"], match["endpoint"], match["tree"] or "main", _share(match["options"])
         )
