@@ -1,5 +1,6 @@
 """What the puts of many robots cost a server, and how old its data is, beside a bare subscriber in
-Python that only receives them; and beside a program that keeps a core busy.
+Python that only receives them; and beside a program that keeps a core busy. Then a site that
+follows the trees of as many robots.
 
 ``python -m bench.parts.crowd ENDPOINT`` is the subscriber: it answers with the messages received.
 """
@@ -16,15 +17,17 @@ import numpy as np
 import zenoh
 
 from bench.machine import cpu_s
+from bench.parts import robot_servers
 from bench.parts.robots import FRAMES, RATE_HZ, robots
 from bench.process import Process, serve
-from bench.report import Report, Trial, ratios
+from bench.report import Cell, Report, Trial, ratios
 from bench.server import Server, shared_client
 from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
 
 #: Robots, and the rate of each; all send 60 frames in a message.
 CROWDS = ((10, RATE_HZ), (30, RATE_HZ), (100, RATE_HZ), (1000, 4))
+FEDERATED = (1000, 10)
 STARVED = (30, 100)
 SAMPLES_HZ = 200
 BUSY = "while True: pass"
@@ -42,9 +45,11 @@ def measure(report: Report) -> None:
         us = (cells[system].values("us_per_put") for system in runs)
         report.target(f"{case['case']}, processor time to a bare one's", ratios(*us), "<=", 1.8)
         if count == 1000:
-            ours = cells["zenoh-tf"]
-            report.target(f"{case['case']}, age p99, ms", ours.values("age_p99_ms"), "<=", 300)
-            report.target(f"{case['case']}, cores", ours.values("cores"), "<=", 1.2)
+            _check_site(report, case["case"], cells["zenoh-tf"])
+    count, rate_hz = FEDERATED if not report.quick else (20, 10)
+    case = {"case": f"{count} robots' trees at {rate_hz} Hz", "busy cores": 0}
+    run = functools.partial(_site, report, count, rate_hz)
+    _check_site(report, case["case"], report.compare(case, {"site": run}, 3)["site"])
     for count in STARVED if not report.quick else ():
         with Process(sys.executable, "-c", BUSY, wait=False):
             case = {"case": f"{count} robots at {RATE_HZ} Hz", "busy cores": 1}
@@ -56,25 +61,53 @@ def measure(report: Report) -> None:
         report.target(f"{name}, age p50, ms", cell.values("age_p50_ms"), "<=", age_ms)
 
 
+def _check_site(report: Report, case: object, cell: Cell) -> None:
+    """The targets of a thousand robots."""
+    report.target(f"{case}, age p99, ms", cell.values("age_p99_ms"), "<=", 300)
+    report.target(f"{case}, cores", cell.values("cores"), "<=", 1.2)
+
+
 def _server(report: Report, count: int, rate_hz: float) -> Trial:
     with (
         Server() as server,
         robots(server.endpoint, count, 1, rate_hz, count),
         shared_client(server.endpoint) as tf,
     ):
-        tf.lookup_transform("map", f"robot{count - 1}/frame59", timeout_s=60.0)
-        time.sleep(report.seconds(5.0))
-        before, begun_s, spent_s = tf.stats(), time.monotonic(), cpu_s(server.pid)
-        ages_ms = _ages_ms(tf, count, report.seconds(10.0))
-        spent_s = cpu_s(server.pid) - spent_s
-        now, took_s = tf.stats(), time.monotonic() - begun_s
+        return _serve(report, server, tf, count, count * rate_hz * FRAMES, "robot{}/frame59")
+
+
+def _site(report: Report, count: int, rate_hz: float) -> Trial:
+    """Of robots whose servers share a few sessions, as their connections are not measured here."""
+    pairs = ":".join(("map", *robot_servers.FRAMES))
+    link = f"robots/*,frames={pairs},rate={rate_hz:g}"
+    module = ("zenoh_tf_server", "--log-level", "error", "--tree", "site", "--mirror-shared", "map")
+    with (
+        Server(*module, "--mirror-of", link, "--listen") as site,
+        robot_servers.robot_servers(site.endpoint, count, rate_hz, 10),
+        TransformClient.connect(site.endpoint, "site") as tf,
+    ):
+        per_s = count * rate_hz * len(robot_servers.FRAMES)
+        return _serve(report, site, tf, count, per_s, "r{}/camera")
+
+
+def _serve(
+    report: Report, server: Server, tf: TransformClient, count: int, per_s: float, frame: str
+) -> Trial:
+    """The figures of a server that receives so many transforms a second of so many robots, each
+    with a frame that is called so."""
+    for number in range(count):
+        tf.lookup_transform("map", frame.format(number), timeout_s=60.0)
+    time.sleep(report.seconds(5.0))
+    before, begun_s, spent_s = tf.stats(), time.monotonic(), cpu_s(server.pid)
+    ages_ms = _ages_ms(tf, count, frame, report.seconds(10.0))
+    spent_s = cpu_s(server.pid) - spent_s
+    now, took_s = tf.stats(), time.monotonic() - begun_s
     puts = max(1, now["puts"] - before["puts"])
     p50, p99 = map(float, np.percentile(ages_ms, (50, 99)))
     return {
         "us_per_put": 1e6 * spent_s / puts,
         "cores": spent_s / took_s,
-        "stored": (now["put_transforms"] - before["put_transforms"])
-        / (count * rate_hz * FRAMES * took_s),
+        "stored": (now["put_transforms"] - before["put_transforms"]) / (per_s * took_s),
         "age_p50_ms": p50,
         "age_p99_ms": p99,
         "dropped_as_stale": now["dropped_as_stale"] - before["dropped_as_stale"],
@@ -82,13 +115,13 @@ def _server(report: Report, count: int, rate_hz: float) -> Trial:
     }
 
 
-def _ages_ms(tf: TransformClient, count: int, for_s: float) -> list[float]:
+def _ages_ms(tf: TransformClient, count: int, frame: str, for_s: float) -> list[float]:
     """How old the newest pose of one robot after another is."""
     found: list[float] = []
     end_s = time.monotonic() + for_s
     while time.monotonic() < end_s:
-        frame = f"robot{random.randrange(count)}/frame59"
-        stamp_ns = tf.lookup_latest_transform("map", frame).stamp_ns
+        robot = frame.format(random.randrange(count))
+        stamp_ns = tf.lookup_latest_transform("map", robot).stamp_ns
         found.append((time.monotonic_ns() - stamp_ns) / 1e6)
         time.sleep(1 / SAMPLES_HZ)
     return found

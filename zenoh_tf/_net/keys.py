@@ -183,6 +183,14 @@ def streams(tree: str, interest: str = "") -> str:
     return f"{key}/{interest}" if interest else key
 
 
+def streams_of_trees(before: str, after: str, interest: str = "") -> str:
+    """The key expression of `streams` of all trees whose names begin with `before` and end with
+    `after`."""
+    ends = [_UNSAFE.sub(_percent, part) for part in (before, after)]
+    key = f"{PREFIX}/{'$*'.join(ends) if any(ends) else '*'}/stream/*"
+    return f"{key}/{interest}" if interest else key
+
+
 def server(tree: str, instance: str) -> str:
     """The key of a server's liveliness token."""
     return f"{PREFIX}/{escape(tree, 'tree')}/server/{escape(instance, 'instance')}"
@@ -220,7 +228,12 @@ def clients(tree: str) -> str:
 
 def tree_name(key: str) -> str:
     """The tree of any key of the service."""
-    return unescape(key.removeprefix(f"{PREFIX}/").partition("/")[0])
+    return unescape(tree_chunk(key))
+
+
+def tree_chunk(key: str) -> str:
+    """The tree of any key of the service, escaped."""
+    return key.removeprefix(f"{PREFIX}/").partition("/")[0]
 
 
 def last_name(key: str) -> str:

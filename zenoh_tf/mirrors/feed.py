@@ -200,7 +200,7 @@ class MirrorFeed:
             while len(batch) < _POLL_MESSAGES and size < _POLL_BYTES and (sample := receive()):
                 batch.append(sample)
                 size += len(sample.payload)
-        except zenoh.ZError:  # undeclared
+        except (zenoh.ZError, RuntimeError):  # undeclared, or another thread does that now
             self.closed = self.closed or subscriber is self.subscriber
         if batch:
             self.take(batch)

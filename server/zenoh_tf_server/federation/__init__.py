@@ -1,7 +1,8 @@
 """A site's server gathers the trees of robots (``--mirror-of``).
 
-`settings` has the flags, `discovery` finds robots on the site's network, `robot` listens to one
-robot, `pool` has the threads of all, and `rows` turns changes into puts.
+`settings` has the flags, `discovery` finds robots on the site's network, whose messages
+`shared_streams` receives; `robot` listens to one robot, `pool` has the threads of all, and `rows`
+turns changes into puts.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from . import quota
 from .discovery import Discovery
 from .pool import Pool
 from .robot import Robot
-from .settings import FederationSettings, RobotAddress
+from .settings import FederationSettings, RobotAddress, RobotPattern
+from .shared_streams import SharedStreams
 
 #: The tree's authorities are read at most this often.
 _REFRESH_S: Final = 1.0
@@ -64,15 +66,18 @@ class Robots:
         for robot in self._robots.values():
             robot.start(ingest)
 
-        def found(address: RobotAddress) -> None:
+        patterns = self._settings.patterns
+        streams = {pattern: SharedStreams(session, pattern) for pattern in patterns}
+
+        def found(address: RobotAddress, pattern: RobotPattern) -> None:
             if address.name not in self._robots:
                 self._robots[address.name] = robot = self._make(address)
-                robot.start(ingest, session)
+                robot.start(ingest, session, streams[pattern])
 
-        if self._settings.patterns:
-            self._discovery = Discovery(
-                session, self._settings.patterns, self._service.name, self._most, found
-            )
+        for each in streams.values():
+            self._pool.add_streams(each)
+        if patterns:
+            self._discovery = Discovery(session, patterns, self._service.name, self._most, found)
 
     def close(self) -> None:
         """Listen no more."""

@@ -33,10 +33,10 @@ class Discovery:
         patterns: Sequence[RobotPattern],
         own_tree: str,
         most: int,
-        found: Callable[[RobotAddress], None],
+        found: Callable[[RobotAddress, RobotPattern], None],
     ) -> None:
         """`most`: how many robots are reported. `found` gets each, with an empty endpoint: it is
-        reached over the session."""
+        reached over the session, and the pattern that it matches."""
         self._patterns = patterns
         self._own_tree = own_tree
         self._most = most
@@ -64,10 +64,10 @@ class Discovery:
         for pattern in self._patterns:
             name = pattern.robot_of(tree)
             if name is not None:
-                self._report(RobotAddress(name, "", tree, pattern.share))
+                self._report(RobotAddress(name, "", tree, pattern.share), pattern)
                 return
 
-    def _report(self, address: RobotAddress) -> None:
+    def _report(self, address: RobotAddress, pattern: RobotPattern) -> None:
         with self._lock:
             if address.name in self._names:
                 return
@@ -80,4 +80,4 @@ class Discovery:
                 return
             self._names.add(address.name)
         log.info("robot %r: found tree %r on this network", address.name, address.tree)
-        self._found(address)
+        self._found(address, pattern)

@@ -26,6 +26,7 @@ from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.steps import Ask, AskStatus, Pause, Steps
 
 from ..process.upstream import Upstream
+from .shared_streams import SharedStreams
 
 T = TypeVar("T")
 
@@ -46,12 +47,17 @@ class Pool:
         self._loop = asyncio.new_event_loop()
         self._blocking = ThreadPoolExecutor(_CONNECTING, "robots connect")
         self._feeds: dict[MirrorFeed, None] = {}  # of the loop's thread
+        self._streams: list[SharedStreams] = []
         self._tasks: set[asyncio.Task[None]] = set()  # of the loop's thread; the loop keeps none
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
         """Begin."""
         self._thread = threads.start("robots", self._run)
+
+    def add_streams(self, streams: SharedStreams) -> None:
+        """Distribute the messages of streams before the feeds are polled."""
+        self._streams.append(streams)
 
     def close(self) -> None:
         """Run nothing any more. Feeds stay as they are."""
@@ -100,6 +106,8 @@ class Pool:
 
     async def _poll(self) -> None:
         while True:
+            for streams in self._streams:
+                streams.distribute()
             for feed in list(self._feeds):
                 try:
                     if not feed.poll():

@@ -34,6 +34,7 @@ from .pool import Pool
 from .quota import FrameQuota
 from .rows import Rows
 from .settings import RobotAddress
+from .shared_streams import SharedStreams, SharedUpstream
 
 #: How long one attempt to connect may take.
 CONNECT_TIMEOUT_S: Final = 5.0
@@ -78,6 +79,7 @@ class Robot:
         self._refusals = service.refusals
         self._quota_log = RateLimitedLog(log)
         self._ingest: Ingest | None = None
+        self._streams: SharedStreams | None = None
         self._lock = threading.Lock()  # of the next three
         self._runs = 0  # how often it was closed
         self._session: zenoh.Session | None = None
@@ -88,9 +90,15 @@ class Robot:
         self._copy_seq = 0  # of the last commit in the copy that began
         self._is_self = False
 
-    def start(self, ingest: Ingest, session: zenoh.Session | None = None) -> None:
-        """Listen, in the background: over a session that there is, or one of its own."""
+    def start(
+        self,
+        ingest: Ingest,
+        session: zenoh.Session | None = None,
+        streams: SharedStreams | None = None,
+    ) -> None:
+        """Listen, in the background: over a session and streams that there are, or its own."""
         self._ingest = ingest
+        self._streams = streams
         self._pool.spawn(self._connect() if session is None else self._listen(session))
 
     def close(self) -> None:
@@ -159,7 +167,12 @@ class Robot:
     async def _listen(self, session: zenoh.Session, *, is_own: bool = False) -> None:
         run, interest = self._runs, self._address.share.interest
         name = f"the server of robot {self.name!r}"
-        source = Upstream(session, self._address.tree, name, interest=interest)
+        tree, streams = self._address.tree, self._streams
+        source = (
+            Upstream(session, tree, name, interest=interest)
+            if streams is None
+            else SharedUpstream(streams, session, tree, name, interest)
+        )
         feed = MirrorFeed(
             source, self._on_copy, interest, observer=self, keeps_tree=False, runner=self._pool
         )
