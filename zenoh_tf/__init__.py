@@ -35,7 +35,14 @@ from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
 from zenoh_tf.introspection import native_signatures
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
-from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameChange, FrameInfo
+from zenoh_tf.introspection.frame_info import (
+    AuthorityInfo,
+    ClientInfo,
+    FrameChange,
+    FrameInfo,
+    Replacement,
+    TimeJump,
+)
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
@@ -66,12 +73,14 @@ __all__ = [
     "OutcomeUnknown",
     "Passed",
     "ProtocolError",
+    "Replacement",
     "ReplicaBehind",
     "ServerBusy",
     "ServerRestarted",
     "ServerUnavailable",
     "ServiceException",
     "StampedTransform",
+    "TimeJump",
     "TimeoutException",
     "TransactionConflict",
     "Transform",

@@ -89,6 +89,12 @@ FRAME = {
         "static_before": False,
     },
 }
+RARE_EVENTS = {
+    "last_replacement": {
+        **{"count": 2, "at_ns": 9, "shift_m": 0.25, "turn_rad": 0.5, "authority_before": "lidar"},
+    },
+    "last_time_jump": {"at_ns": 8, "newest_stamp_ns": 7},
+}
 AUTHORITY = {
     **{"name": "lidar", "frames": 1, "commits": 2, "stored": 3, "dropped": 0, "rewritten": 1},
     **{"conflicts": 0, "refused": 1, "last_refusal": "why", "dropped_by_queue": 0},
@@ -268,6 +274,10 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
     "reply to info frames": (lambda: reply({"value": NAMES, "next": 17}), read_value(list)),
     "reply to info frame": (
         lambda: reply({"value": FRAME}),
+        read_value(dict, FrameInfo.from_record),
+    ),
+    "reply to info frame after rare events": (
+        lambda: reply({"value": FRAME | RARE_EVENTS}),
         read_value(dict, FrameInfo.from_record),
     ),
     "reply to info authorities": (

@@ -182,6 +182,10 @@ def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None
     assert tf.stats()["time_jumps"] == 0
     assert put(tf, "map", "base", 1.1, x=7.0)
     assert (tf.stats()["time_jumps"], tf.frame("base").time_jumps) == (1, 1)
+    jump = tf.frame("base").last_time_jump
+    assert jump is not None
+    assert jump.newest_stamp_ns == 100 * SECOND
+    assert jump.at_ns <= time.time_ns()
     assert tf.lookup_transform("map", "camera").stamp_ns == 1_100_000_000
     # No other frame is touched.
     assert (tf.frame("arm").newest_stamp_ns, tf.frame("arm").time_jumps) == (100 * SECOND, 0)
@@ -258,6 +262,32 @@ def test_backward_extrapolation_names_the_link_at_that_time(tf: Tf) -> None:
     assert error.stamp_ns == SECOND // 2
     for fact in ("'dock'", "'base'", "1000000000", "3000000000", "500000000"):
         assert fact in str(error)
+
+
+@pytest.mark.own_server
+def test_a_static_value_that_is_replaced(tf: Tf) -> None:
+    def mount(x_m: float, yaw: tuple[float, ...], authority: str) -> None:
+        at = StampedTransform("base", "camera", 0, Transform((x_m, 0, 0), yaw))
+        tf.set_transform(at, authority=authority, static=True)
+
+    for authority in ("urdf", "replay", "urdf"):
+        mount(0.3, (0, 0, 0, 1), authority)
+    assert tf.frame("camera").last_replacement is None
+    mount(0.3, (0, 0, 0, -1), "urdf")  # the same rotation
+    assert tf.frame("camera").last_replacement is None
+    begin_ns = time.time_ns()
+    mount(0.3, (0, 0, 1, 0), "replay")
+    mount(0.55, (0, 0, 1, 0), "replay")
+    last = tf.frame("camera").last_replacement
+    assert last is not None
+    assert (last.count, last.shift_m, last.turn_rad) == (2, 0.25, 0.0)
+    assert last.authority_before == "replay"
+    assert begin_ns <= last.at_ns <= time.time_ns()
+    put(tf, "base", "camera", 1)
+    assert tf.frame("camera").last_replacement == last  # another kind of link is no value
+    tf.reset()
+    mount(0.3, (0, 0, 0, 1), "urdf")
+    assert tf.frame("camera").last_replacement is None
 
 
 @pytest.mark.own_server

@@ -88,6 +88,28 @@ T load(const std::atomic<T>& counter) {
   return counter.load(std::memory_order_relaxed);
 }
 
+// The last replacement of a static value; None if there was none.
+template <class AnyTree>
+nb::object last_replacement(const AnyTree& tree, const FrameEvents& events) {
+  if (load(events.replaced_at_ns) == 0) return nb::none();
+  nb::dict out;
+  out["count"] = load(events.replaced);
+  out["at_ns"] = load(events.replaced_at_ns);
+  out["shift_m"] = load(events.replaced_m);
+  out["turn_rad"] = load(events.replaced_rad);
+  out["authority_before"] = str_of(tree.authority(load(events.replaced_authority)));
+  return out;
+}
+
+// The last time that a history was cleared because time was set back; None if it never was.
+nb::object last_time_jump(const FrameEvents& events) {
+  if (load(events.jumped_at_ns) == 0) return nb::none();
+  nb::dict out;
+  out["at_ns"] = load(events.jumped_at_ns);
+  out["newest_stamp_ns"] = load(events.jumped_from);
+  return out;
+}
+
 // The fields of zenoh_tf.FrameInfo.
 template <class AnyTree>
 nb::dict record_of(const AnyTree& tree, nb::object name, FrameId id, const FrameInfo& info) {
@@ -113,6 +135,8 @@ nb::dict record_of(const AnyTree& tree, nb::object name, FrameId id, const Frame
   out["authority_changes"] = load(events.authority_changes);
   out["time_jumps"] = load(events.time_jumps);
   out["last_change"] = last_change(tree, info);
+  out["last_replacement"] = last_replacement(tree, events);
+  out["last_time_jump"] = last_time_jump(events);
   return out;
 }
 

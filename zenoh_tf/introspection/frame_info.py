@@ -31,6 +31,49 @@ class FrameChange:
 
 
 @dataclass(frozen=True, slots=True)
+class Replacement:
+    """The last time that a static link's value was replaced by another one.
+
+    Attributes:
+        count: How often a value was replaced until then.
+        at_ns: When, in nanoseconds of the real-time clock of the server, or of this machine for an
+            embedded tree.
+        shift_m: How far the child moved.
+        turn_rad: How far it turned.
+        authority_before: The authority whose value was replaced.
+    """
+
+    count: int
+    at_ns: int
+    shift_m: float
+    turn_rad: float
+    authority_before: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimeJump:
+    """The last time that a link's history was cleared because time was set back.
+
+    Attributes:
+        at_ns: When, in nanoseconds of the real-time clock of the server, or of this machine for an
+            embedded tree.
+        newest_stamp_ns: The newest stamp of the history that was cleared.
+    """
+
+    at_ns: int
+    newest_stamp_ns: int
+
+
+FramePart = FrameChange | Replacement | TimeJump
+#: The fields of a frame's record that are maps themselves.
+PARTS: Final[dict[str, type[FramePart]]] = {
+    "last_change": FrameChange,
+    "last_replacement": Replacement,
+    "last_time_jump": TimeJump,
+}
+
+
+@dataclass(frozen=True, slots=True)
 class FrameInfo:
     """A frame and the link to its parent, as of one instant.
 
@@ -51,6 +94,10 @@ class FrameInfo:
         authority_changes: Changes of the authority.
         time_jumps: Times that the history was cleared because time was set back.
         last_change: The latest of these three kinds of change; ``None`` if there was none.
+        last_replacement: The last time that a static value was replaced by another one; ``None``
+            if none was since the link was cleared.
+        last_time_jump: The last of the times that the history was cleared so; ``None`` if there
+            was none since the link was cleared.
     """
 
     name: str
@@ -69,6 +116,8 @@ class FrameInfo:
     authority_changes: int
     last_change: FrameChange | None
     time_jumps: int = 0
+    last_replacement: Replacement | None = None
+    last_time_jump: TimeJump | None = None
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:
@@ -77,8 +126,11 @@ class FrameInfo:
         Args:
             record: Values by field name.
         """
-        change = record["last_change"]
-        return cls(**{**record, "last_change": None if change is None else FrameChange(**change)})
+        parts: dict[str, Any] = {}
+        for field, kind in PARTS.items():
+            part = record.get(field)
+            parts[field] = None if part is None else kind(**part)
+        return cls(**{**record, **parts})
 
     @property
     def commits(self) -> int:

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from zenoh_tf import AuthorityInfo, ClientInfo, FrameChange, FrameInfo, wire
+from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo, wire
 from zenoh_tf.errors import ProtocolError
+from zenoh_tf.introspection.frame_info import PARTS, FramePart
 
 from . import columns
 from .request import Call, Request
@@ -76,8 +77,9 @@ def ancestors(target: str, source: str, stamp_ns: int | None) -> Request[list[Fr
 
 def _frame_info(value: Any) -> FrameInfo:
     record = _record(value, FrameInfo)
-    if record["last_change"] is not None:
-        record["last_change"] = _record(record["last_change"], FrameChange)
+    for field, kind in PARTS.items():
+        if record.get(field) is not None:
+            record[field] = _record(record[field], kind)
     return FrameInfo.from_record(record)
 
 
@@ -98,7 +100,7 @@ def clients() -> Request[list[ClientInfo]]:
 
 
 def _record(
-    value: Any, kind: type[FrameInfo | FrameChange | AuthorityInfo | ClientInfo]
+    value: Any, kind: type[FrameInfo | FramePart | AuthorityInfo | ClientInfo]
 ) -> dict[str, Any]:
     """Return the fields of a record that this client knows: a newer server may send more. Fields
     that do not apply are left out, and have their defaults."""

@@ -61,3 +61,16 @@ TEST(a_new_authority_begins_with_no_counts) {
   // Nothing names the one that was freed.
   CHECK_EQ(w.events("x").change_authority.load(), w.info("x").authority);
 }
+
+TEST(a_replaced_value_is_not_of_an_authority_that_was_freed) {
+  World w(Options{.max_authorities = 2});
+  const SetOptions by_a{.authority = "a", .is_static = true};
+  const SetOptions by_b{.authority = "b", .is_static = true};
+  w.accept({{"root", "x", 0, at_x(1)}}, by_a);
+  w.accept({{"root", "x", 0, at_x(3)}}, by_b);
+  const FrameEvents& events = w.events("x");
+  CHECK_EQ(w.tree.authority(events.replaced_authority.load()), "a");
+  CHECK_EQ(events.replaced_m.load(), 2.0F);
+  w.accept({{"root", "y", 1}}, {.authority = "c"});
+  CHECK_EQ(events.replaced_authority.load(), 0u);
+}

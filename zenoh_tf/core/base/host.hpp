@@ -40,6 +40,8 @@ inline std::int64_t clock_ns(clockid_t clock) noexcept {
   (void)::clock_gettime(clock, &time);
   return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
 }
+// Nanoseconds since 1970.
+inline std::int64_t real_time_ns() noexcept { return clock_ns(CLOCK_REALTIME); }
 inline std::int64_t monotonic_ns() noexcept { return clock_ns(CLOCK_MONOTONIC); }
 
 }  // namespace ztf

@@ -5,8 +5,18 @@
 #include "commits/apply.hpp"
 
 #include <algorithm>
+#include <cmath>
+
+#include "base/host.hpp"
 
 namespace ztf {
+
+namespace {
+
+// Static values that differ by less, in metres and radians, are one value in other digits.
+constexpr double kSameValue = 1e-6;
+
+}  // namespace
 
 void CommitExecution::reserve() { (void)changed_.reserve(plan_.groups().size()); }
 
@@ -31,6 +41,9 @@ void CommitExecution::restart_history(const FrameWrites& group) noexcept {
   FrameEvents& events = tree_.events[group.child];
   tree_.time_jumps.fetch_add(1);
   increment(events.time_jumps);
+  events.jumped_at_ns.store(real_time_ns(), std::memory_order_release);
+  events.jumped_from.store(group.frame->latest.stamp.load(std::memory_order_relaxed),
+                           std::memory_order_release);
   tree_.event_log.add({.kind = TreeEvent::Kind::time_jump,
                        .frame = group.child,
                        .authority = plan_.names().authority(),
@@ -55,10 +68,13 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   const FrameId parent_before = frame.parent.load(std::memory_order_relaxed);
   const bool static_before = frame.is_static.load(std::memory_order_relaxed);
   const std::uint32_t stored_before = tally_.stored;
+  const Pose pose_before = static_before ? frame.latest.pose.load() : Pose{};
   if (group.restarts) restart_history(group);
   store_rows(group);
   if (tally_.stored == stored_before) return false;
   if (group.wakes_all) increment(tree_.edits[group.child]);
+  if (static_before && group.new_parent == 0 && plan_.request().is_static)
+    record_replacement(group, pose_before);
   record_link_change(group, parent_before, static_before);
   return true;
 }
@@ -86,6 +102,24 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
                            std::memory_order_release);
     tally_.rewritten += rewritten;
   }
+}
+
+// Records that a static link has another value than before, if it has. Requires that the frame has
+// the authority that it had.
+void CommitExecution::record_replacement(const FrameWrites& group, const Pose& before) noexcept {
+  const Pose now = group.frame->latest.pose.load();
+  const double moved = std::hypot(now.x - before.x, now.y - before.y, now.z - before.z);
+  const double cosine =
+      now.qx * before.qx + now.qy * before.qy + now.qz * before.qz + now.qw * before.qw;
+  const double turned = 2 * std::acos(std::min(1.0, std::abs(cosine)));
+  if (moved <= kSameValue && turned <= kSameValue) return;
+  const auto release = std::memory_order_release;
+  FrameEvents& events = tree_.events[group.child];
+  increment(events.replaced);
+  events.replaced_at_ns.store(real_time_ns(), release);
+  events.replaced_m.store(static_cast<float>(moved), release);
+  events.replaced_rad.store(static_cast<float>(turned), release);
+  events.replaced_authority.store(group.frame->authority.load(std::memory_order_relaxed), release);
 }
 
 // Counts changes of the frame's link (another parent, authority or kind), and records the last one.

@@ -206,9 +206,9 @@ void free_authorities(TreeState& tree) {
   for (const FrameId id : all) {
     if (is_freed[tree.frames[id].authority.load(relaxed)])
       tree.frames[id].authority.store(0, std::memory_order_release);
-    if (std::atomic<AuthorityId>& last = tree.events[id].change_authority;
-        is_freed[last.load(relaxed)])
-      last.store(0, std::memory_order_release);
+    FrameEvents& events = tree.events[id];
+    for (std::atomic<AuthorityId>* last : {&events.change_authority, &events.replaced_authority})
+      if (is_freed[last->load(relaxed)]) last->store(0, std::memory_order_release);
   }
   tree.ids_freed.fetch_add(1, std::memory_order_seq_cst);
   for (const auto& [last_used, id] : idle) tree.authorities.free(id);

@@ -20,6 +20,7 @@ bool is_cleared(const Frame& frame, bool keep_static) noexcept {
 void clear_frame(TreeState& tree, FrameId id) noexcept {
   clear_history(tree.frames[id]);
   tree.frames[id].authority.store(0, std::memory_order_release);  // it is the link's
+  tree.events[id].forget_link();
   increment(tree.edits[id]);
 }
 

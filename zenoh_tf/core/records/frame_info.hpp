@@ -29,6 +29,18 @@ struct FrameEvents {
   std::atomic<std::uint64_t> authority_changes;
   std::atomic<std::uint64_t> time_jumps;  // the history was cleared, as time was set back
 
+  // The last time that a static link's value was replaced by another one: how often until then,
+  // when by the real-time clock, how far the child moved and turned, and whose value it was.
+  std::atomic<std::uint64_t> replaced;
+  std::atomic<std::int64_t> replaced_at_ns;
+  std::atomic<float> replaced_m, replaced_rad;
+  std::atomic<AuthorityId> replaced_authority;
+
+  // The last time jump: when, or 0 if there was none since the link was cleared, and the newest
+  // stamp before it.
+  std::atomic<std::int64_t> jumped_at_ns;
+  std::atomic<Stamp> jumped_from;
+
   // The newest row of the last commit whose rows were all too old, and the frame's version then.
   std::atomic<Stamp> late_stamp;
   std::atomic<Version> late_version;
@@ -40,12 +52,20 @@ struct FrameEvents {
   std::atomic<bool> static_before;
   std::atomic<Change> change;
 
+  // Forgets the last replacement and time jump, which are the link's, but no counter. Requires the
+  // frame's write lock.
+  void forget_link() noexcept {
+    replaced_at_ns.store(0, std::memory_order_release);
+    jumped_at_ns.store(0, std::memory_order_release);
+  }
+
   // Forgets everything, as the frame gets another name. Requires the frame's write lock.
   void reset() noexcept {
     const auto release = std::memory_order_release;
     for (auto* counter :
-         {&rewritten, &dropped, &reparented, &switched, &authority_changes, &time_jumps})
+         {&rewritten, &dropped, &reparented, &switched, &authority_changes, &time_jumps, &replaced})
       counter->store(0, release);
+    forget_link();
     late_stamp.store(0, release);
     late_version.store(0, release);
     change_stamp.store(0, release);

@@ -116,6 +116,10 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
         facts["last change"] = f"{done} by {printable(change.authority)}"
         facts["  stamp"] = output.when(change.stamp_ns)
         facts["  before"] = f"parent {before}" + (", static" if change.static_before else "")
+    replaced = frame.last_replacement
+    if replaced is not None:
+        facts["replaced"] = f"{replaced.count:,}, the last {output.when(replaced.at_ns)}"
+        facts["  by"] = f"{replaced.shift_m:.6f} m, {replaced.turn_rad:.6f} rad"
     facts["version"] = f"{frame.version:,}"
     return facts
 
