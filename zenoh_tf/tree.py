@@ -299,10 +299,23 @@ class TransformTree(_core.Tree):
         Raises:
             InvalidArgumentException: A name or the stamp is invalid.
         """
+        return self._explain(target, source, stamp_ns)
+
+    def _explain(
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None,
+        now_ns: int | None = None,
+        *,
+        recorded: bool = False,
+    ) -> Explanation:
         records = self._ancestor_records(target, source, stamp_ns)
         frames = [FrameInfo.from_record(record) for record in records]
         names = () if explaining.is_connected(target, source, frames) else self.frames()
-        return explaining.explain(target, source, stamp_ns, frames, names)
+        return explaining.explain(
+            target, source, stamp_ns, frames, names, now_ns, recorded=recorded
+        )
 
     def authorities(self) -> list[AuthorityInfo]:
         """Return what each authority has done, in the order of their first commits."""

@@ -18,7 +18,6 @@ from zenoh_tf import (
     TransformException,
     TransformTree,
 )
-from zenoh_tf.introspection.explain import explain
 from zenoh_tf.text.similar import did_you_mean, similar
 
 S = 10**9
@@ -50,8 +49,7 @@ def explained(
     """As `tree.explain`, at a time of the test's choice."""
     stamp_ns = None if at_s is None else NOW_NS + round(at_s * S)
     found = tree.explain(target, source, stamp_ns)
-    frames = [tree.frame(name) for name in tree.frames()]
-    at_now = explain(target, source, stamp_ns, frames, tree.frames(), NOW_NS + round(now_s * S))
+    at_now = tree._explain(target, source, stamp_ns, NOW_NS + round(now_s * S))
     assert (found.possible, found.error, found.limiting_frame) == (
         at_now.possible,
         at_now.error,

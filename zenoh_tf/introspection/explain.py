@@ -11,34 +11,43 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Final
 
+from zenoh_tf.introspection import sentences
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
 from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.text import quoted
-from zenoh_tf.text.similar import did_you_mean
+from zenoh_tf.text.similar import did_you_mean, spelling
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
-__all__ = ["explain", "is_connected", "is_stopped"]
+__all__ = ["explain", "is_connected", "is_stopped", "silence_limit_s"]
 
 #: A link has stopped if nothing has come for so many of its periods, and for so long.
 _STOPPED_PERIODS: Final = 10
 _STOPPED_S: Final = 1.0
-#: A time so far ahead of the clock is of another clock; less is the delay of messages.
-_AHEAD_NS: Final = 100_000_000
 
 Path = list[FrameInfo]
 
 
+def silence_limit_s(frame: FrameInfo) -> float | None:
+    """Return for how long no sample of a link may come until it has stopped; None without a rate.
+
+    Args:
+        frame: The link's child.
+    """
+    rate_hz = frame.rate_hz
+    return None if rate_hz is None else max(_STOPPED_S, _STOPPED_PERIODS / rate_hz)
+
+
 def is_stopped(frame: FrameInfo, now_ns: int) -> bool:
-    """Return whether a link's samples have ceased to come.
+    """Return whether a link's samples have ceased to come, by their stamps.
 
     Args:
         frame: The link's child.
         now_ns: The time to compare with, nanoseconds.
     """
-    if frame.static or frame.newest_stamp_ns is None or frame.rate_hz is None:
+    limit_s = silence_limit_s(frame)
+    if limit_s is None or frame.newest_stamp_ns is None:
         return False
-    expected_s = max(_STOPPED_S, _STOPPED_PERIODS / frame.rate_hz)
-    return (now_ns - frame.newest_stamp_ns) * 1e-9 > expected_s
+    return (now_ns - frame.newest_stamp_ns) * 1e-9 > limit_s
 
 
 def is_connected(target: str, source: str, frames: Collection[FrameInfo]) -> bool:
@@ -60,6 +69,8 @@ def explain(
     frames: Collection[FrameInfo],
     names: Collection[str] = (),
     now_ns: int | None = None,
+    *,
+    recorded: bool = False,
 ) -> Explanation:
     """Return why a lookup succeeds or fails.
 
@@ -70,11 +81,14 @@ def explain(
         frames: The frames from both up to their roots, with the parents at that time.
         names: The names of all frames, to suggest others; needed if there is no chain.
         now_ns: The time to count ages from, nanoseconds; None means this machine's clock.
+        recorded: The frames are of a recording, which has no present and no publishers.
     """
     from_target, from_source = _path(target, frames), _path(source, frames)
     clock_ns = time.time_ns() if now_ns is None else now_ns
     stamps = [f.newest_stamp_ns for f in frames if not f.static and f.newest_stamp_ns is not None]
-    reference, by_clock = reference_ns(stamps, clock_ns)
+    reference, by_clock = (
+        (max(stamps, default=0), False) if recorded else reference_ns(stamps, clock_ns)
+    )
     base = Explanation(
         target=target,
         source=source,
@@ -94,23 +108,39 @@ def explain(
     if unknown:
         return _unknown(base, unknown, names)
     if from_target[-1].name != from_source[-1].name:
-        return _unconnected(base, names)
+        moves = sentences.moves([*from_target, *from_source], reference, by_clock, recent=False)
+        return _with_reasons(_unconnected(base, names), moves)
     chain = _chain(from_target, from_source)
+    return _explain_chain(base, chain, reference, recorded=recorded)
+
+
+def _explain_chain(
+    base: Explanation, chain: Path, reference: int, *, recorded: bool
+) -> Explanation:
     dynamic = [frame for frame in chain if not frame.static]
     newest = [frame.newest_stamp_ns for frame in dynamic if frame.newest_stamp_ns is not None]
     common_ns = min(newest, default=None)
-    at_ns = common_ns if stamp_ns is None else stamp_ns
+    at_ns = common_ns if base.stamp_ns is None else base.stamp_ns
     found = replace(
         base,
         at_ns=at_ns,
         links=tuple(_link(frame, at_ns, reference) for frame in chain),
     )
     failing = [link for link in found.links if link.problem is not None]
+    moves = sentences.moves(chain, reference, base.by_clock, recent=True)
     if failing:
-        return _extrapolated(found, failing, reference)
+        failed = _extrapolated(found, failing, reference)
+        if recorded:
+            failed = replace(failed, advice=(sentences.recorded_range(found, failing),))
+        return _with_reasons(failed, moves)
     first = min(dynamic, key=lambda frame: frame.newest_stamp_ns or 0, default=None)
     found = replace(found, possible=True, limiting_frame=None if first is None else first.name)
-    return _answered(found, reference)
+    answered = _answered(found, reference)
+    return _with_reasons(replace(answered, advice=()) if recorded else answered, moves)
+
+
+def _with_reasons(found: Explanation, reasons: list[str]) -> Explanation:
+    return replace(found, reasons=(*found.reasons, *reasons))
 
 
 def _names(frames: Iterable[FrameInfo]) -> set[str]:
@@ -198,7 +228,9 @@ def _unconnected(found: Explanation, names: Collection[str]) -> Explanation:
     )
     advice = []
     for root in roots:
-        question = did_you_mean(root, [name for name in names if name not in roots])
+        # Only another spelling is a likely mistake: both roots have frames below them.
+        twins = [name for name in names if name not in roots and spelling(name) == spelling(root)]
+        question = did_you_mean(root, twins)
         if question is not None:
             advice.append(
                 f"Nothing says where {quoted(root)} is. It may be one of two spellings of one "
@@ -211,11 +243,6 @@ def _unconnected(found: Explanation, names: Collection[str]) -> Explanation:
     return replace(found, error="ConnectivityException", reasons=(reason,), advice=tuple(advice))
 
 
-_OTHER_CLOCK: Final = (
-    "The time asked for and the stamps of the chain are of different clocks, such as this "
-    "machine's and a simulation's: use the clock of the transforms "
-    "(use_sim_time in ROS)."
-)
 _ERRORS: Final = {
     "too_new": "ForwardExtrapolationException",
     "too_old": "BackwardExtrapolationException",
@@ -225,34 +252,38 @@ _ERRORS: Final = {
 
 def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int) -> Explanation:
     worst = max(failing, key=lambda link: link.off_by_ns or 0)
-    reasons, advice = [], []
+    reasons = []
     if found.stamp_ns is None and found.at_ns is not None:
         ending = min(
             (link for link in found.links if link.newest_stamp_ns is not None),
             key=lambda link: link.newest_stamp_ns or 0,
         )
         reasons.append(
-            f"The latest common time is {seconds(found.at_ns)} s, where {_name(ending)} ends."
+            f"The latest common time is {seconds(found.at_ns)} s, where {sentences.name(ending)} "
+            "ends."
         )
-    for link in sorted(failing, key=lambda link: -(link.off_by_ns or 0)):
-        reasons.append(_outside(link, found))
-        if link.problem == "single_sample":
-            advice.append(
-                f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link "
-                f"as static. Else check that {_publisher(link)} still sends."
-            )
-    too_old = [link for link in failing if link.problem == "too_old"]
-    if (worst.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
-        advice = [_OTHER_CLOCK]
-    elif too_old:
-        advice.append(_too_late(max(too_old, key=lambda link: link.off_by_ns or 0)))
-    if _OTHER_CLOCK not in advice and any(
-        link.problem == "too_new" and not link.stopped for link in failing
-    ):
-        advice.append(_too_early(found, reference))
-    stopped = [link for link in found.links if link.stopped]
-    reasons += [_stopped(link, found.by_clock) for link in stopped]
-    advice += [_restart(link) for link in stopped]
+    farthest_first = sorted(failing, key=lambda link: -(link.off_by_ns or 0))
+    reasons += [sentences.outside(link, found) for link in farthest_first]
+    # Of these causes one explains the failure, and what else is odd follows from it.
+    cause = sentences.other_unit(found, failing)
+    if cause is None and (worst.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
+        cause = sentences.OTHER_CLOCK
+    if cause is None:
+        cause = sentences.not_come(found, failing, reference)
+    advice = [cause]
+    if cause is None:
+        advice = [*map(_advice, farthest_first)]
+        stopped = [link for link in found.links if link.stopped]
+        ahead = [link for link in found.links if sentences.is_ahead(link, found)]
+        reasons += [sentences.stopped(link, found.by_clock) for link in stopped]
+        reasons += [sentences.ahead(link) for link in ahead]
+        too_old = [link for link in farthest_first if link.problem == "too_old"]
+        advice += [sentences.wrong_clock(link) for link in ahead]
+        if too_old and not any(sentences.is_ahead(link, found) for link in too_old):
+            advice.append(sentences.too_late(too_old[0]))
+        if any(link.problem == "too_new" and not link.stopped for link in failing):
+            advice.append(sentences.TOO_EARLY)
+        advice += [sentences.restart(link) for link in stopped]
     if found.stamp_ns is not None and {"too_new", "too_old"} <= {link.problem for link in failing}:
         reasons.append("No time around it suits all links.")
     return replace(
@@ -260,43 +291,17 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
         error=_ERRORS[worst.problem or "too_new"],
         limiting_frame=worst.child,
         reasons=tuple(reasons),
-        advice=tuple(dict.fromkeys(advice)),
+        advice=tuple(dict.fromkeys(filter(None, advice))),
     )
 
 
-def _outside(link: LinkReport, found: Explanation) -> str:
-    off_by = age(link.off_by_ns or 0)
-    when = f"{seconds(found.at_ns or 0)} s"
-    if link.problem == "single_sample":
-        return (
-            f"{_name(link)} has a single sample, and {when} is {off_by} off it: there is nothing "
-            "to interpolate between."
-        )
-    if link.problem == "too_new":
-        return f"{when} is {off_by} after the newest sample of {_name(link)}."
-    return f"{when} is {off_by} before the oldest sample of {_name(link)}."
-
-
-def _too_late(link: LinkReport) -> str:
-    """What to do about a time that a link has no longer, or has never had."""
-    reach = (link.newest_stamp_ns or 0) - (link.oldest_stamp_ns or 0)
+def _advice(link: LinkReport) -> str | None:
+    """What to do about a link with a single sample."""
+    if link.problem != "single_sample":
+        return None
     return (
-        f"{_name(link)} has a history of {age(reach)}. Ask for a later time, sooner, or keep more "
-        "(--cache-time, --limit samples_per_frame of the server)."
-    )
-
-
-def _too_early(found: Explanation, reference: int) -> str:
-    """What to do about a time that some links have not reached yet."""
-    ahead_ns = (found.at_ns or 0) - reference
-    if found.by_clock and ahead_ns > _AHEAD_NS:
-        return (
-            f"The time asked for is {age(ahead_ns)} ahead of this machine's clock: check the clock "
-            "that it is from (zenoh-tf clients, zenoh-tf authorities)."
-        )
-    return (
-        "Samples arrive with a delay. Give the lookup a time-out and it waits for the next ones, "
-        "or leave out the time to get the latest common one."
+        f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link as "
+        f"static. Else check that {sentences.publisher(link)} still sends."
     )
 
 
@@ -315,15 +320,19 @@ def _answered(found: Explanation, reference: int) -> Explanation:
     limits = found.stamp_ns is None and bool(others) and further_ns > 0
     if limits:
         reasons.append(
-            f"{_name(ending)} limits the latest common time: all others reach "
+            f"{sentences.name(ending)} limits the latest common time: all others reach "
             f"{age(further_ns)} further, or more."
         )
     for link in dynamic:
         if link.stopped:
-            reasons.append(_stopped(link, found.by_clock))
-            advice.append(_restart(link))
+            reasons.append(sentences.stopped(link, found.by_clock))
+            advice.append(sentences.restart(link))
+        elif sentences.is_ahead(link, found):
+            reasons.append(sentences.ahead(link))
         elif link.samples == 1:
-            reasons.append(f"{_name(link)} has a single sample: lookups at other times fail.")
+            reasons.append(
+                f"{sentences.name(link)} has a single sample: lookups at other times fail."
+            )
     if limits:
         advice.append(
             "For the newest sample of each link instead, use the latest lookup (zenoh-tf latest)."
@@ -336,27 +345,3 @@ def _ago(found: Explanation, reference: int) -> str:
         return ""
     ago_ns = reference - found.at_ns
     return f", {age(ago_ns)} ago" if ago_ns >= 0 else f", {age(-ago_ns)} ahead of the clock"
-
-
-def _stopped(link: LinkReport, by_clock: bool) -> str:
-    since = age(int((link.age_s or 0) * 1e9))
-    behind = "old" if by_clock else "behind the newest of the chain"
-    return (
-        f"{_name(link)} has stopped: its newest sample is {since} {behind}, "
-        f"and before that they came at {link.rate_hz or 0:.1f} Hz."
-    )
-
-
-def _restart(link: LinkReport) -> str:
-    return (
-        f"Check that {_publisher(link)} runs and reaches the server: zenoh-tf authorities counts "
-        "what it has sent, and names the reason if the server refused it."
-    )
-
-
-def _name(link: LinkReport) -> str:
-    return f"{quoted(link.parent)} -> {quoted(link.child)}"
-
-
-def _publisher(link: LinkReport) -> str:
-    return quoted(link.authority) if link.authority else "its publisher, which gave no name,"
