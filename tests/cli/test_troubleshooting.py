@@ -35,7 +35,7 @@ def fill(tf: TransformClient) -> None:
         last = round((end_s - start_s) * rate)
         stamps = [round((end_s - n / rate) * 1e9) for n in range(last, -1, -1)]
         rows = [
-            StampedTransform(parent, child, stamp_ns, Transform((stamp_ns / 1e10, 0, 0)))
+            StampedTransform(parent, child, stamp_ns, Transform((stamp_ns / 1e10 - 100, 0, 0)))
             for stamp_ns in stamps
         ]
         tf.set_transforms_xact(rows, authority=authority)

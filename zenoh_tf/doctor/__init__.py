@@ -5,15 +5,16 @@ plain facts, so it serves an embedded tree, a server's and a recording alike.
 """
 
 from zenoh_tf.doctor.catalogue import CATALOGUE, Fault, Finding, diagnose
-from zenoh_tf.doctor.facts import Gaps, LinkFacts, TreeFacts
+from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
+from zenoh_tf.doctor.observation import Observation
 from zenoh_tf.doctor.recorded import RecordedFacts
 
 __all__ = [
     "CATALOGUE",
     "Fault",
     "Finding",
-    "Gaps",
     "LinkFacts",
+    "Observation",
     "RecordedFacts",
     "TreeFacts",
     "diagnose",

@@ -6,7 +6,8 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from zenoh_tf.doctor import checks
+from zenoh_tf.doctor import clocks, publishers, structure, values
+from zenoh_tf.doctor.causes import without_consequences
 from zenoh_tf.doctor.facts import TreeFacts
 
 
@@ -63,7 +64,7 @@ CATALOGUE: Final = (
         "old driver still runs, or a simulator beside the robot.",
         "End one of them; `zenoh-tf authorities` and `zenoh-tf frame NAME` show them. The "
         "server's `--one-authority-per-frame` refuses the second.",
-        checks.two_publishers,
+        publishers.two_publishers,
     ),
     Fault(
         "TF102",
@@ -71,7 +72,7 @@ CATALOGUE: Final = (
         "The frame's parent changes to and fro, so a chain exists at some times only. Two "
         "publishers disagree where the frame hangs.",
         "Let one publisher own the link. If both poses are wanted, give one of them another name.",
-        checks.flip_flop,
+        publishers.flip_flop,
     ),
     Fault(
         "TF103",
@@ -79,7 +80,7 @@ CATALOGUE: Final = (
         "Each switch between static and dynamic clears the link's history, so lookups at past "
         "times fail. A static publisher and a sensor or a state publisher write the same link.",
         "Publish the link as static or as dynamic. A link that never moves is better static.",
-        checks.static_and_dynamic,
+        publishers.static_and_dynamic,
     ),
     Fault(
         "TF104",
@@ -88,7 +89,7 @@ CATALOGUE: Final = (
         "the latest common time of every chain over the link stands still.",
         "Restart its publisher, or find why its messages do not arrive. `zenoh-tf explain` shows "
         "what a lookup over the link makes of it.",
-        checks.stopped,
+        publishers.stopped,
     ),
     Fault(
         "TF105",
@@ -97,7 +98,7 @@ CATALOGUE: Final = (
         "Lookups in a gap interpolate over it, and lookups at the present fail meanwhile.",
         "Look at the load of its publisher, at the network, and at the drops that `zenoh-tf "
         "authorities` counts.",
-        checks.sagging,
+        publishers.sagging,
     ),
     Fault(
         "TF106",
@@ -105,7 +106,18 @@ CATALOGUE: Final = (
         "What this authority publishes is not stored: a number is not finite, a quaternion is not "
         "of length 1, a link would close a loop, or a limit is reached.",
         "The evidence has the reason of the last refusal, which names the frame.",
-        checks.refused,
+        publishers.refused,
+    ),
+    Fault(
+        "TF107",
+        "a link that is too slow for its chain",
+        "The link's samples come seldom, and those of its chain often. A lookup over both at "
+        "the present waits for the slow link's next sample or fails, and the latest common time "
+        "of the chain is as old as its last one.",
+        "Publish the link more often, or as static if it never moves. Otherwise let the "
+        "consumer ask for the latest common time, or use the newest sample of each link "
+        "(`zenoh-tf latest`).",
+        publishers.slow,
     ),
     Fault(
         "TF201",
@@ -114,7 +126,7 @@ CATALOGUE: Final = (
         "join poses of different times.",
         "Synchronise the clocks (chrony, PTP). docs/explanation/clocks.md says how the offsets are "
         "measured.",
-        checks.skewed_clock,
+        clocks.skewed_clock,
     ),
     Fault(
         "TF202",
@@ -122,7 +134,7 @@ CATALOGUE: Final = (
         "The newest sample is ahead of the clock. Lookups at the present work, but interpolate "
         "towards a pose that nobody has measured yet. Some localisations do so on purpose.",
         "Check the clock of its publisher, or lower its transform tolerance.",
-        checks.future_stamps,
+        clocks.future_stamps,
     ),
     Fault(
         "TF203",
@@ -130,7 +142,7 @@ CATALOGUE: Final = (
         "Samples come at stamps that the link has already, and the last one replaces the others. "
         "A clock stands still, one message arrives by two routes, or a publisher repeats itself.",
         "Send each sample once, with the time of its measurement.",
-        checks.repeated_stamps,
+        clocks.repeated_stamps,
     ),
     Fault(
         "TF204",
@@ -138,7 +150,7 @@ CATALOGUE: Final = (
         "They arrived later than the cache time after newer ones of the same link, and were "
         "dropped. A second publisher has another clock, or a recording is played again.",
         "Find their publisher in the `dropped` column of `zenoh-tf authorities`.",
-        checks.too_old,
+        clocks.too_old,
     ),
     Fault(
         "TF205",
@@ -146,7 +158,53 @@ CATALOGUE: Final = (
         "Stamps jumped back by more than the cache time, and the link's history was cleared. A "
         "simulator was reset, or a clock was corrected.",
         "Nothing, if that was meant. Else see docs/explanation/clocks.md.",
-        checks.time_jumps,
+        clocks.time_jumps,
+    ),
+    Fault(
+        "TF206",
+        "a clock that drifts",
+        "The stamps steadily gain on their arrivals, or fall behind them. The clock that they "
+        "are from is not synchronised, or stamps are counted from a nominal rate.",
+        "Synchronise the clock (chrony, PTP), and stamp each sample with the time of its "
+        "measurement. The offset that there is now grows until then.",
+        clocks.drift,
+    ),
+    Fault(
+        "TF207",
+        "stamps of another epoch",
+        "Some links have stamps of the real clock, and this one of another, such as simulated "
+        "time. No lookup joins them.",
+        "Give all nodes one clock: set `use_sim_time` in all of them or in none, and end what a "
+        "simulator or an old recording still publishes.",
+        clocks.other_epoch,
+    ),
+    Fault(
+        "TF208",
+        "stamps that jitter",
+        "The stamps are irregular, and how old they are on arrival varies by more than the "
+        "samples are apart. So interpolation takes poses for times at which they were not "
+        "measured.",
+        "Stamp a sample where it is measured, with the sensor's own time if it has one, not "
+        "after buffers and queues.",
+        clocks.jitter,
+    ),
+    Fault(
+        "TF209",
+        "samples out of order",
+        "Samples come after newer ones of the same link. A server sorts them in, but a lookup "
+        "in between has seen a history without them.",
+        "Send the samples of one link over one connection and from one thread, in the order of "
+        "their stamps.",
+        clocks.backwards,
+    ),
+    Fault(
+        "TF210",
+        "samples in bursts",
+        "Samples come together after pauses in which they were measured, so lookups at the "
+        "present fail and then succeed.",
+        "Send each sample when it is measured. Look for batching in the publisher, for power "
+        "saving of the wireless network, and for a full queue.",
+        clocks.bursts,
     ),
     Fault(
         "TF301",
@@ -155,14 +213,14 @@ CATALOGUE: Final = (
         "frames is misspelt.",
         "Publish the pose of the smaller tree's root in a frame of the other one. Independent "
         "robots on one server may stay apart: ignore this then.",
-        checks.unconnected,
+        structure.unconnected,
     ),
     Fault(
         "TF302",
         "names that differ by slashes or case",
         "They are different frames, though a person would confuse them.",
         "Choose one spelling, and remove the other frame with `zenoh-tf remove`.",
-        checks.alike_names,
+        structure.alike_names,
     ),
     Fault(
         "TF303",
@@ -170,14 +228,67 @@ CATALOGUE: Final = (
         "Every link of a chain costs time, and its data may be missing. Often each "
         "pose, as of a trajectory, gets a name of its own.",
         "Hang the frames below a common parent, or keep poses that are no frames elsewhere.",
-        checks.deep,
+        structure.deep,
     ),
     Fault(
         "TF401",
         "quaternions that are not of length 1",
         "They are no rotations. Up to a hundredth off they are normalised, beyond that refused.",
         "Normalise them where they are made; a length of 0 often is a message that nobody filled.",
-        checks.not_unit,
+        values.not_unit,
+    ),
+    Fault(
+        "TF402",
+        "a static link that was replaced by another value",
+        "A static value holds at all times, so with another one all past lookups change as "
+        "well. Two publishers disagree about a calibration, or one that should be dynamic is "
+        "sent as static. Equal values do no harm.",
+        "Let one publisher own the value. `zenoh-tf frame NAME` shows who wrote it last; "
+        "publish a link that moves as dynamic.",
+        values.replaced,
+    ),
+    Fault(
+        "TF403",
+        "a pose that jumps",
+        "One step is far beyond what the link does otherwise. A localisation has found itself "
+        "elsewhere, a sensor gave a wrong pose, or odometry was reset.",
+        "Look at the publisher at that time. Hang corrections of a localisation above the "
+        "odometry, as map to odom, so that odometry stays smooth.",
+        values.jumps,
+    ),
+    Fault(
+        "TF404",
+        "a frozen pose under fresh stamps",
+        "Samples keep coming, but their pose stopped from one to the next and has been the same "
+        "to the last bit since, while other links move. The publisher repeats its last result.",
+        "Restart what computes the pose, and let its publisher stop when it has no new result, "
+        "so that lookups fail instead of returning an old pose.",
+        values.frozen,
+    ),
+    Fault(
+        "TF405",
+        "millimetres for metres",
+        "A length or a speed is about a thousand times what it can be. All lengths are metres.",
+        "Divide by 1,000 where the pose is made, such as in the export of a CAD model or the "
+        "driver of an arm.",
+        values.millimetres,
+    ),
+    Fault(
+        "TF406",
+        "an optical frame with the axes of its parent",
+        "Images have z forwards, x to the right and y down (REP 103); a body has x forwards. "
+        "Without the rotation between them, points seen by the camera are beside the robot or "
+        "above it.",
+        "Publish the optical frame with rpy -90 0 -90 degrees in the camera's body frame.",
+        values.optical,
+    ),
+    Fault(
+        "TF407",
+        "a mount that is not rigid",
+        "A sensor that should be fixed to its parent moves by fractions of a millimetre to "
+        "centimetres. The mount is loose, or a calibration is estimated over and over.",
+        "Fix the mount, calibrate once, and publish the link as static.",
+        values.wobbling,
     ),
 )
 
@@ -185,7 +296,8 @@ _BY_ID: Final = {fault.id: fault for fault in CATALOGUE}
 
 
 def diagnose(facts: TreeFacts, ignore: Collection[str] = ()) -> list[Finding]:
-    """Return all faults in the facts about a tree, in the order of the catalogue.
+    """Return the faults in the facts about a tree, in the order of the catalogue, without those
+    that are only consequences of others.
 
     Args:
         facts: What is known about the tree.
@@ -197,9 +309,14 @@ def diagnose(facts: TreeFacts, ignore: Collection[str] = ()) -> list[Finding]:
     for name in ignore:
         if name not in _BY_ID:
             raise ValueError(f"there is no fault {name!r}; docs/reference/doctor.md lists them")
-    return [
+    findings = [
         Finding(fault, subject, evidence)
         for fault in CATALOGUE
-        if fault.id not in ignore
         for subject, evidence in fault.check(facts)
+    ]
+    # A consequence stays hidden if its cause is ignored.
+    return [
+        finding
+        for finding in without_consequences(findings, facts)
+        if finding.fault.id not in ignore
     ]

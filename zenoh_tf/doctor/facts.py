@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
+from zenoh_tf.doctor.observation import Seen
+from zenoh_tf.doctor.timing import PAUSE_PERIODS, Pause
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.text.times import reference_ns
+
+#: Rare events are reported for so long, though nobody observed them.
+_RECENT_S: Final = 600.0
+#: Stamps before 2001 are of a simulation.
+SIMULATED_NS: Final = 10**18
+#: Links whose pauses one is compared with.
+_COMPARED: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,17 +27,12 @@ class LinkFacts:
     Attributes:
         frame: Its record at the end.
         before: Its record at the beginning of the observation.
-        longest_gap_s: The longest time in which no sample came.
-        norm_error: How far the norm of a received quaternion was from 1, at most. A tree
-            normalises what it stores, so only messages show it.
-        received: How many samples there were in all.
+        seen: Its samples.
     """
 
     frame: FrameInfo
     before: FrameInfo | None = None
-    longest_gap_s: float | None = None
-    norm_error: float | None = None
-    received: int | None = None
+    seen: Seen | None = None
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,8 @@ class TreeFacts:
         links: One for each frame.
         now_ns: The clock at the end, nanoseconds.
         observed_s: Seconds between ``before`` and the end.
-        authorities: The publishers.
+        authorities: The publishers, at the end.
+        authorities_before: The same at the beginning of the observation; empty if unknown.
         clients: The connected clients.
         is_complete: The counters are of all that was observed, as of a recording, which needs no
             ``before``.
@@ -48,8 +54,20 @@ class TreeFacts:
     now_ns: int
     observed_s: float = 0.0
     authorities: Sequence[AuthorityInfo] = ()
+    authorities_before: Sequence[AuthorityInfo] = ()
     clients: Sequence[ClientInfo] = ()
     is_complete: bool = False
+
+    def count(self, link: LinkFacts, counter: str) -> int:
+        """Return by how much a counter has grown while it was observed, or what it is if nothing
+        was observed.
+
+        Args:
+            link: One of the links.
+            counter: The name of a field of `FrameInfo`.
+        """
+        grown = self.grown(link, counter)
+        return int(getattr(link.frame, counter)) if grown is None else grown
 
     def grown(self, link: LinkFacts, counter: str) -> int | None:
         """Return by how much a counter has grown while it was observed; ``None``: unknown.
@@ -61,10 +79,21 @@ class TreeFacts:
         now: int = getattr(link.frame, counter)
         if self.is_complete:
             return now
-        if link.before is None:
+        if not self.observed_s:
             return None
+        if link.before is None:  # it came while it was observed
+            return now
         before: int = getattr(link.before, counter)
         return max(0, now - before)  # a frame that was removed and came back restarts
+
+    def ago_s(self, at_ns: int) -> float | None:
+        """Return how long ago a rare event was, in seconds; ``None`` if that is too long.
+
+        Args:
+            at_ns: When it was, nanoseconds of the clock.
+        """
+        ago_s = (self.now_ns - at_ns) / 1e9
+        return ago_s if not self.is_complete and -1.0 < ago_s < _RECENT_S else None
 
     @cached_property
     def frames(self) -> dict[str, FrameInfo]:
@@ -93,7 +122,7 @@ class TreeFacts:
         found: dict[str, list[str]] = {}
         for name, frame in self.frames.items():
             if frame.parent is not None or name in parents:
-                found.setdefault(self._ancestors(name)[-1], []).append(name)
+                found.setdefault(self.ancestors(name)[-1], []).append(name)
         return found
 
     def depth(self, name: str) -> int:
@@ -102,9 +131,14 @@ class TreeFacts:
         Args:
             name: The frame.
         """
-        return len(self._ancestors(name)) - 1
+        return len(self.ancestors(name)) - 1
 
-    def _ancestors(self, name: str) -> list[str]:
+    def ancestors(self, name: str) -> list[str]:
+        """Return the frames from this one up to its root.
+
+        Args:
+            name: The frame.
+        """
         path = dict.fromkeys([name])
         while (frame := self.frames.get(name)) is not None and frame.parent is not None:
             if frame.parent in path:  # gathered while the tree changed
@@ -113,37 +147,33 @@ class TreeFacts:
             path[name] = None
         return [*path]
 
-
-class Gaps:
-    """Finds the longest time without a sample of each link, from records read again and again.
-
-    Between two records of one version nothing was committed, however late the second was read. So
-    a reader that is held up finds no gap that was not there.
-    """
-
-    def __init__(self) -> None:
-        self._since: dict[str, tuple[int, float]] = {}  # the version, and when it was read first
-        self._longest: dict[str, float] = {}
-
-    def saw(self, frames: Iterable[FrameInfo], at_s: float) -> None:
-        """Record a reading.
+    def pauses(self, link: LinkFacts) -> list[Pause]:
+        """Return the times in which no sample of a link came, without those in which no sample of
+        any link did: then the network, the simulator or the recorder stood still.
 
         Args:
-            frames: The records.
-            at_s: When they were asked for, in seconds of any clock that does not jump.
+            link: One of the links.
         """
-        for frame in frames:
-            version, since_s = self._since.get(frame.name, (None, at_s))
-            if version == frame.version:
-                longest_s = self._longest.get(frame.name, 0.0)
-                self._longest[frame.name] = max(longest_s, at_s - since_s)
-            else:
-                self._since[frame.name] = (frame.version, at_s)
+        return [
+            pause
+            for pause in ([] if link.seen is None else link.seen.timing.pauses)
+            if not self._is_shared(link, pause)
+        ]
 
-    def longest_s(self, frame: str) -> float | None:
-        """Return the longest gap in seconds; ``None`` if there was none to be seen.
-
-        Args:
-            frame: The child of the link.
-        """
-        return self._longest.get(frame)
+    def _is_shared(self, link: LinkFacts, pause: Pause) -> bool:
+        length_ns = pause.end_ns - pause.start_ns
+        others = [
+            timing
+            for timing in (other.seen.timing for other in self.dynamic if other.seen is not None)
+            if link.seen is not None
+            and timing is not link.seen.timing
+            and (timing.period_ns or length_ns) * PAUSE_PERIODS < length_ns
+            and (timing.last_ns or 0) >= pause.end_ns
+        ][:_COMPARED]
+        return bool(others) and all(
+            any(
+                2 * (min(p.end_ns, pause.end_ns) - max(p.start_ns, pause.start_ns)) > length_ns
+                for p in timing.pauses
+            )
+            for timing in others
+        )

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
+from zenoh_tf.doctor.observation import Observation
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf.tree import TransformTree
 
@@ -16,6 +17,8 @@ from .._core import TransformRows
 
 #: Seconds that the tree keeps: as a server by default.
 _CACHE_S: Final = 10.0
+#: A tree refuses a quaternion whose squared norm is farther from 1.
+_REFUSED: Final = 0.01
 
 
 class RecordedFacts:
@@ -26,14 +29,9 @@ class RecordedFacts:
 
     def __init__(self) -> None:
         self._tree = TransformTree(cache_time_s=_CACHE_S)
-        self._newest: dict[str, int] = {}
-        self._longest_ns: Counter[str] = Counter()
-        self._received: Counter[str] = Counter()
-        self._norm_error: dict[str, float] = {}
+        self._observation = Observation()
         self._refused: Counter[str] = Counter()
         self._last_refusal: dict[str, str] = {}
-        self._first_ns: int | None = None
-        self._last_ns = 0
 
     def add(self, log_ns: int, topic: str, static: bool, rows: TransformRows) -> None:
         """Add a message.
@@ -44,27 +42,27 @@ class RecordedFacts:
             static: Its links hold at all times.
             rows: Its transforms, with quaternions as received.
         """
-        self._first_ns = log_ns if self._first_ns is None else self._first_ns
-        self._last_ns = log_ns
-        errors = np.abs(np.linalg.norm(rows.pose[:, 3:], axis=1) - 1.0)
-        for row, child in enumerate(rows.child.tolist()):
-            name = rows.names[child]
-            self._received[name] += 1
-            self._norm_error[name] = max(self._norm_error.get(name, 0.0), float(errors[row]))
-            if not static:
-                self._record_gap(name, int(rows.stamp[row]))
+        norms = np.linalg.norm(rows.pose[:, 3:], axis=1)
+        self._observation.came(log_ns)
+        for row, (parent, child) in enumerate(
+            zip(rows.parent.tolist(), rows.child.tolist(), strict=True)
+        ):
+            if not (np.isfinite(rows.pose[row]).all() and abs(norms[row] ** 2 - 1.0) < _REFUSED):
+                continue
+            pose = rows.pose[row].copy()
+            pose[3:] /= norms[row]
+            names, stamp_ns = rows.names, int(rows.stamp[row])
+            seen = self._observation.add(
+                log_ns, names[child], names[parent], stamp_ns, pose, topic, static=static
+            )
+            seen.norm_error = max(seen.norm_error, abs(float(norms[row]) - 1.0))
         self._commit(topic, static, rows)
 
     def facts(self) -> TreeFacts:
         """Return the facts about all messages so far."""
+        seen = self._observation.seen()
         links = [
-            LinkFacts(
-                self._tree.frame(name),
-                longest_gap_s=self._longest_ns[name] / 1e9 or None,
-                norm_error=self._norm_error.get(name),
-                received=self._received[name],
-            )
-            for name in self._tree.frames()
+            LinkFacts(self._tree.frame(name), seen=seen.get(name)) for name in self._tree.frames()
         ]
         authorities = [
             replace(
@@ -74,16 +72,9 @@ class RecordedFacts:
             )
             for authority in self._tree.authorities()
         ]
-        observed_s = (self._last_ns - (self._first_ns or 0)) / 1e9
-        return TreeFacts(links, self._last_ns, observed_s, authorities, is_complete=True)
-
-    def _record_gap(self, frame: str, stamp_ns: int) -> None:
-        newest = self._newest.get(frame)
-        if newest is not None and stamp_ns <= newest:
-            return
-        self._newest[frame] = stamp_ns
-        if newest is not None:
-            self._longest_ns[frame] = max(self._longest_ns[frame], stamp_ns - newest)
+        last_ns = self._observation.last_ns
+        observed_s = (last_ns - (self._observation.first_ns or 0)) / 1e9
+        return TreeFacts(links, last_ns, observed_s, authorities, is_complete=True)
 
     def _commit(self, topic: str, static: bool, rows: TransformRows) -> None:
         try:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import textwrap
 import time
+from typing import Final
 
-from zenoh_tf import FrameInfo
+from zenoh_tf import LimitExceeded, TimeoutException
 from zenoh_tf.doctor import (
     CATALOGUE,
     Finding,
-    Gaps,
     LinkFacts,
     RecordedFacts,
     TreeFacts,
@@ -23,8 +24,12 @@ from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
-from zenoh_tf_tools.cli.records import watch_frames
+from zenoh_tf_tools.cli.records import frame_infos
 from zenoh_tf_tools.errors import FAULT_FOUND
+from zenoh_tf_tools.tree_observer import TreeObserver
+
+#: How often what has come is read.
+_PAUSE_S: Final = 0.05
 
 
 def add(commands: Commands) -> None:
@@ -32,8 +37,8 @@ def add(commands: Commands) -> None:
         "doctor",
         _doctor,
         "find faults: two publishers, stopped links, clocks that are off",
-        "Watch the tree for some seconds, or read a recording, and print each known fault that it "
-        "has, with the evidence and what to do. Exit code 3 if there are any.",
+        "Watch the samples of a tree for some seconds, or read a recording, and print each known "
+        "fault that it has, with the evidence and what to do. Exit code 3 if there are any.",
         "zenoh-tf doctor",
         "zenoh-tf doctor --for 1s --ignore TF301",
         "zenoh-tf doctor --json",
@@ -46,7 +51,7 @@ def add(commands: Commands) -> None:
         metavar="DURATION",
         type=duration(),
         default=2.0,
-        help="how long to watch (default 2s); 0: read it once, which shows no gaps and no flips",
+        help="how long to watch (default 2s); 0: judge only what the server has",
     )
     doctor.add_argument(
         "--ignore",
@@ -63,7 +68,7 @@ def _doctor(args: argparse.Namespace) -> int:
         facts = _recorded(args)
     else:
         with connect(args) as tf:
-            facts = _observe(tf, args.observe_s)
+            facts = _observe(args, tf)
     findings = diagnose(facts, args.ignore)
     document = {
         "tree": args.tree if args.file is None else None,
@@ -87,21 +92,44 @@ def _recorded(args: argparse.Namespace) -> TreeFacts:
     return facts.facts()
 
 
-def _observe(tf: TransformClient, observe_s: float) -> TreeFacts:
-    start_s = time.monotonic()
-    gaps = Gaps()
-    before: dict[str, FrameInfo] = {}
-    now: dict[str, FrameInfo] = {}
-    for asked_s, frames in watch_frames(tf, observe_s):
-        gaps.saw(frames, asked_s)
-        now = {frame.name: frame for frame in frames}
-        before = before or now
-    links = [
-        LinkFacts(frame, before.get(name) if observe_s else None, gaps.longest_s(name))
-        for name, frame in now.items()
-    ]
-    observed_s = time.monotonic() - start_s if observe_s else 0.0
-    return TreeFacts(links, time.time_ns(), observed_s, tf.authorities(), tf.clients())
+def _observe(args: argparse.Namespace, tf: TransformClient) -> TreeFacts:
+    """Watch the samples, and read the records of the frames at the beginning and at the end."""
+    observer = _observer(args, tf)
+    try:
+        before = {frame.name: frame for frame in frame_infos(tf)}
+        authorities_before = tf.authorities()
+        start_s = time.monotonic()
+        while (left_s := start_s + args.observe_s - time.monotonic()) > 0:
+            if observer is not None:
+                observer.update()
+            time.sleep(min(_PAUSE_S, left_s))
+        observed_s = time.monotonic() - start_s if args.observe_s else 0.0
+        frames = frame_infos(tf)
+        now_ns = time.time_ns() if observer is None else observer.update()
+    finally:
+        if observer is not None:
+            observer.close()
+    seen = {} if observer is None else observer.observation.seen()
+    return TreeFacts(
+        [LinkFacts(frame, before.get(frame.name), seen.get(frame.name)) for frame in frames],
+        now_ns,
+        observed_s,
+        tf.authorities(),
+        authorities_before if args.observe_s else (),
+        tf.clients(),
+    )
+
+
+def _observer(args: argparse.Namespace, tf: TransformClient) -> TreeObserver | None:
+    """What sees the samples; None if the tree is too large to be sent in time."""
+    try:
+        return TreeObserver(tf, args.timeout)
+    except (LimitExceeded, TimeoutException) as error:
+        print(
+            f"zenoh-tf: samples are not judged, only the records of frames: {error}",
+            file=sys.stderr,
+        )
+        return None
 
 
 def _text(findings: list[Finding], frames: int) -> str:

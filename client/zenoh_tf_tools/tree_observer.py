@@ -1,0 +1,139 @@
+"""`TreeObserver`: sees every sample that a server commits, for the doctor.
+
+It listens as a mirror does: first a snapshot with the static links and the history that the server
+has, then every commit's samples, each with the server's clock when it was sent.
+
+    MirrorFeed ──> TreeObserver.begin, load, apply ──> queue ──> update ──> Observation
+
+Thread safety: `update` and what it fills belong to one thread; `begin`, `load` and `apply` are the
+feed's.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.doctor import Observation
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf_client.client import TransformClient
+from zenoh_tf_client.mirror.source import MirrorSource
+
+#: How often it is asked whether the clocks have been compared.
+_PAUSE_S: Final = 0.01
+
+
+class TreeObserver:
+    """Observes a client's tree from construction until `close`."""
+
+    def __init__(self, client: TransformClient, timeout_s: float) -> None:
+        """Begin to observe, and wait for what the server has.
+
+        Raises:
+            ServerUnavailable: As `MirrorFeed.wait_for_copy`, also for the others.
+            AccessDenied: The same.
+            TimeoutException: The same.
+            LimitExceeded: The same.
+        """
+        self.observation = Observation()
+        self._has_copy = False
+        self._queue: deque[wire.Frames | wire.StreamMessage] = deque()
+        self._feed = MirrorFeed(MirrorSource(client._connection), self._on_copy, observer=self)
+        try:
+            self._feed.wait_for_copy(timeout_s)
+        except BaseException:
+            self.close()
+            raise
+        #: This machine's real-time clock less the clock of the stream, which may be any.
+        self._offset_ns = self._compare_clocks(timeout_s)
+        self.update()
+
+    def update(self) -> int:
+        """Add what has come to `observation`, and return up to when, in nanoseconds."""
+        while self._queue:
+            item = self._queue.popleft()
+            if isinstance(item, wire.StreamMessage):
+                self._add(item)
+            else:
+                self._load(item)
+        return self._feed.state.clock_ns + self._offset_ns
+
+    def close(self) -> None:
+        """Observe no more."""
+        self._feed.close()
+
+    def _compare_clocks(self, timeout_s: float) -> int:
+        end_s = time.monotonic() + timeout_s
+        while True:
+            state = self._feed.state
+            age_s = self._feed.age_s(state)
+            if math.isfinite(age_s) or time.monotonic() > end_s:
+                age_ns = round(age_s * 1e9) if math.isfinite(age_s) else 0
+                return time.time_ns() - state.clock_ns - age_ns
+            time.sleep(_PAUSE_S)
+
+    # --- what the feed calls, under its lock; see `mirrors.copy.Observer`
+
+    def begin(self, instance: str, seq: int) -> None:
+        """A snapshot begins. Only the first is of use: what a later one has was seen, or is of no
+        known arrival."""
+        if not self._has_copy:
+            self._queue.clear()
+
+    def load(self, frames: wire.Frames) -> None:
+        """Queue frames of the first snapshot."""
+        if not self._has_copy:
+            self._queue.append(frames)
+
+    def apply(self, message: wire.StreamMessage) -> None:
+        """Queue a message."""
+        self._has_copy = True
+        self._queue.append(message)
+
+    def _on_copy(self, tree: TransformTree | None, instance: str) -> None:
+        """The snapshot is complete. Its tree is not read: the records are the server's."""
+        self._has_copy = True
+
+    # --- what `update` does
+
+    def _load(self, frames: wire.Frames) -> None:
+        samples = wire.samples_of_frames(frames)
+        bounds = np.flatnonzero(np.diff(samples.child, prepend=-1, append=-1)).tolist()
+        for begin, end in pairwise(bounds):
+            first = end - 1  # of the samples with the newest parent
+            while first > begin and samples.parent[first - 1] == samples.parent[end - 1]:
+                first -= 1
+            if not samples.has_parent[first]:
+                continue
+            child, parent = (
+                samples.names[column[first]] for column in (samples.child, samples.parent)
+            )
+            if samples.static[first]:
+                authority = samples.authorities[samples.authority[first]]
+                self.observation.add(
+                    None, child, parent, 0, samples.pose[first], authority, static=True
+                )
+            else:
+                self.observation.load(
+                    child, parent, samples.stamp[first:end], samples.pose[first:end]
+                )
+
+    def _add(self, message: wire.StreamMessage) -> None:
+        assert message.changes is not None
+        samples = wire.samples_of_changes(message.changes)
+        for row in np.flatnonzero(samples.has_parent).tolist():
+            self.observation.add(
+                message.clock_ns + self._offset_ns,
+                samples.names[samples.child[row]],
+                samples.names[samples.parent[row]],
+                int(samples.stamp[row]),
+                samples.pose[row],
+                samples.authorities[samples.authority[row]],
+                static=bool(samples.static[row]),
+            )

@@ -1,0 +1,52 @@
+"""Each fault that people know is named, and nothing beside it; and nothing in healthy robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from zenoh_tf.doctor import CATALOGUE, diagnose
+
+from .faults import FAULTS, Found, clock_ahead
+from .healthy import HEALTHY
+from .ward import Robot, circle, observed
+
+
+def names(robot: Robot, ignore: tuple[str, ...] = ()) -> Found:
+    return {(each.fault.id, each.subject) for each in diagnose(observed(robot), ignore)}
+
+
+@pytest.mark.parametrize("make", FAULTS)
+def test_a_fault_is_named_and_nothing_beside_it(make: Callable[[Robot], Found]) -> None:
+    robot = Robot()
+    expected = make(robot)
+    assert names(robot) == expected
+
+
+def test_every_fault_of_the_catalogue_that_samples_show_is_made() -> None:
+    made = {fault for make in FAULTS for fault, _ in make(Robot())}
+    # Whole messages show TF401, a tree's counters TF205, and its names TF303.
+    assert made | {"TF205", "TF303", "TF401"} == {fault.id for fault in CATALOGUE}
+
+
+@pytest.mark.parametrize("make", HEALTHY)
+def test_nothing_is_found_in_a_healthy_robot(make: Callable[[Robot], None]) -> None:
+    robot = Robot()
+    make(robot)
+    assert names(robot) == set()
+
+
+def test_what_was_before_the_doctor_came_is_not_reported() -> None:
+    robot = Robot()
+    robot.rest()
+    robot.wheels()
+    robot.link("odom", "base", "wheels", 10.0, circle, stamp=lambda t: t - 30, start_s=-3, end_s=-2)
+    robot.link("odom", "base", "wheels", 50.0, circle, start_s=-3, end_s=-2)  # repeated stamps
+    assert names(robot) == set()
+
+
+def test_a_consequence_stays_hidden_if_its_cause_is_ignored() -> None:
+    robot = Robot()
+    ((fault, _),) = clock_ahead(robot)
+    assert names(robot, (fault,)) == set()

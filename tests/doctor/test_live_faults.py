@@ -1,0 +1,134 @@
+"""The doctor on a real server, whose robots each have a fault of their own, or none."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.processes.servers import ServerProcess
+from tests.support import command_line
+from zenoh_tf import StampedTransform, Transform
+from zenoh_tf_client import Broadcaster, TransformClient
+
+from .faults import (
+    Found,
+    bursts,
+    clock_ahead,
+    clock_behind,
+    frozen_pose,
+    frozen_stamp,
+    identical_statics,
+    jitter,
+    jump,
+    loose_mount,
+    mount_in_millimetres,
+    one_stamp_a_minute_ahead,
+    optical_frame,
+    out_of_order,
+    simulated_time,
+    slow_link,
+    static_of_two_authorities,
+    static_that_changes,
+    stopped,
+    two_publishers,
+)  # fmt: skip
+from .healthy import parked, steady
+from .ward import END_S, START_S, Robot, pose
+
+
+def replaced_before_the_doctor_came(robot: Robot) -> Found:
+    robot.rest()
+    robot.wheels()
+    robot.mount("camera", pose(0.32, 0.0, 0.5), -0.5, "calibration")
+    return {("TF402", "camera")}
+
+
+def one_stamp_ahead_before_the_doctor_came(robot: Robot) -> Found:
+    robot.rest()
+    robot.wheels(stamp=lambda t: t + (60 if t == -1 else 0))
+    return {("TF202", "base")}
+
+
+def fast_clock(robot: Robot) -> Found:
+    """So fast that the delays of a loaded machine do not hide it."""
+    robot.rest()
+    robot.wheels(stamp=lambda t: t + 0.2 * (t - START_S))
+    return {("TF206", "wheels")}
+
+
+#: Where a robot's time of 0 s is, after the beginning.
+_LEAD_S = 2.0
+ROBOTS = [
+    steady, two_publishers, stopped, clock_ahead, clock_behind, frozen_stamp, simulated_time,
+    fast_clock, jitter, static_that_changes, static_of_two_authorities, slow_link, out_of_order,
+    jump, mount_in_millimetres, loose_mount, replaced_before_the_doctor_came,
+    one_stamp_ahead_before_the_doctor_came, one_stamp_a_minute_ahead, identical_statics, parked,
+    frozen_pose, bursts, optical_frame,
+]  # fmt: skip
+#: Names that all robots have below their own name.
+SHARED = {"TF301"}
+
+
+def publish(tf: TransformClient, robots: dict[str, Robot], begun: threading.Event) -> None:
+    """Send what the robots send, from 2 s before their 0 s on."""
+    sent = sorted(
+        (each for name, robot in robots.items() for each in named(name, robot)),
+        key=lambda row: row[0],
+    )
+    begin_ns = time.time_ns() + round(_LEAD_S * 1e9)
+    broadcasters: dict[str, Broadcaster] = {}
+    for arrival_s, authority, static, stamped_s, (parent, child), value in sent:
+        due_s = begin_ns / 1e9 + arrival_s - time.time()
+        if due_s > 0:
+            time.sleep(due_s)
+        if arrival_s >= 0:
+            begun.set()
+        row = StampedTransform(
+            parent, child, begin_ns + round(stamped_s * 1e9), Transform(value[:3], value[3:])
+        )
+        if authority not in broadcasters:
+            broadcasters[authority] = tf.broadcaster(authority)
+        send = broadcasters[authority].send_static if static else broadcasters[authority].send
+        send(row)
+    for broadcaster in broadcasters.values():
+        broadcaster.close()
+
+
+Row = tuple[float, str, bool, float, tuple[str, str], tuple[float, ...]]
+
+
+def named(name: str, robot: Robot) -> Iterator[Row]:
+    for at_s, authority, static, parent, child, stamp_s, value in robot.sent:
+        arrival_s = max(at_s, -_LEAD_S) if static else at_s
+        if arrival_s >= -_LEAD_S:
+            link = (f"{name}/{parent}", f"{name}/{child}")
+            yield arrival_s, f"{name}/{authority}", static, stamp_s, link, value
+
+
+@pytest.mark.slow
+@pytest.mark.own_server
+def test_robots_with_faults(server: ServerProcess) -> None:
+    robots, expected = {}, set()
+    for make in ROBOTS:
+        name = make.__name__
+        robots[name] = Robot()
+        found = make(robots[name])
+        expected |= {(fault, f"{name}/{subject}") for fault, subject in found or ()}
+    with server.connect() as tf:
+        begun = threading.Event()
+        publisher = threading.Thread(target=publish, args=(tf, robots, begun))
+        publisher.start()
+        assert begun.wait(60)
+        done = command_line.run(
+            "--connect", server.endpoint, "doctor", "--for", f"{END_S - 0.7}s", "--json",
+            *(word for fault in SHARED for word in ("--ignore", fault)),
+        )  # fmt: skip
+        publisher.join()
+    assert done.returncode == 3, done.stderr
+    findings = json.loads(done.stdout)["findings"]
+    said = {(each["id"], each["subject"]): each["evidence"] for each in findings}
+    assert set(said) == expected, said

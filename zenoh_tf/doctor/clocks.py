@@ -1,0 +1,245 @@
+"""The checks of stamps and clocks."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Final
+
+from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
+from zenoh_tf.doctor.words import Evidence, authority, samples, times, window
+from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
+
+#: A clock is wrong if stamps lead by more; being late by less may be the delay of messages.
+_AHEAD_S: Final = 0.1
+_BEHIND_S: Final = 1.0
+#: A localisation stamps its corrections ahead by less than this (AMCL: 1 s), and repeats this part
+#: of them.
+_POST_DATED_S: Final = 2.0
+_REPEATED_POSES: Final = 0.3
+#: Samples that show how far a link's stamps are from their arrivals.
+_LEAST: Final = 5
+#: Repeated stamps: so many while it was observed, or this part of the samples.
+_REPEATED: Final = 3
+_REPEATED_PART: Final = 0.01
+#: Samples come in bursts if there were so many pauses before them.
+_BURSTS: Final = 3
+#: And if the pauses are this part of the time from the first to the last.
+_BURSTS_PART: Final = 0.25
+
+
+def skewed_clock(facts: TreeFacts) -> Evidence:
+    known = set()
+    for publisher in facts.authorities:
+        least, greatest = publisher.clock_offset_min_s, publisher.clock_offset_max_s
+        if least is not None and greatest is not None:
+            known.add(publisher.name)
+            own = [link for link in facts.dynamic if link.frame.authority == publisher.name]
+            if own and all(_is_post_dated(facts, link) for link in own):
+                continue
+            if _is_off(least, greatest):
+                yield publisher.name, f"its clock is {_lead(least, greatest)}"
+    for link in facts.dynamic:
+        timing = None if link.seen is None else link.seen.timing
+        if link.frame.authority in known or timing is None or timing.arrivals < _LEAST:
+            continue
+        if timing.least_lead_ns is not None and timing.greatest_lead_ns is not None:
+            least, greatest = timing.least_lead_ns / 1e9, timing.greatest_lead_ns / 1e9
+            if _is_off(least, greatest):
+                ahead = "ahead of" if least > 0 else "behind"
+                ends = sorted((abs(least), abs(greatest)))
+                yield (
+                    link.frame.name,
+                    f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s; it "
+                    f"is by {authority(link.frame.authority)}",
+                )
+    for client in facts.clients:
+        least, greatest = client.clock_offset_min_s, client.clock_offset_max_s
+        if _is_off(least, greatest):
+            where = f" ({client.address})" if client.address else ""
+            yield client.client, f"the clock of this client{where} is {_lead(least, greatest)}"
+
+
+def future_stamps(facts: TreeFacts) -> Evidence:
+    reference, by_clock = facts.reference
+    if not by_clock:
+        return
+    for link in facts.dynamic:
+        lead_ns = (link.frame.newest_stamp_ns or 0) - reference
+        timing = None if link.seen is None else link.seen.timing
+        if timing is not None and timing.strays and timing.stray_lead_ns > _AHEAD_S * 1e9:
+            yield (
+                link.frame.name,
+                f"{timing.strays:,} of its {samples(timing.arrivals)} had a stamp far from those "
+                f"before and after it, {age(timing.stray_lead_ns)} ahead of the clock; it is by "
+                f"{authority(link.frame.authority)}",
+            )
+        elif (stray := _cleared_stray(facts, link)) is not None:
+            yield link.frame.name, stray
+        elif (
+            lead_ns > _AHEAD_S * 1e9
+            and not is_of_other_epoch(facts, link)
+            and not _is_post_dated(facts, link)
+        ):
+            yield (
+                link.frame.name,
+                f"its newest stamp is {age(lead_ns)} ahead of the clock; it is by "
+                f"{authority(link.frame.authority)}",
+            )
+
+
+def repeated_stamps(facts: TreeFacts) -> Evidence:
+    for link in facts.dynamic:
+        frame, count = link.frame, facts.count(link, "rewritten")
+        arrivals = 0 if link.seen is None else link.seen.timing.arrivals
+        part = _REPEATED_PART * (arrivals or frame.samples)
+        if count >= max(_REPEATED, part):
+            yield (
+                frame.name,
+                f"{count:,} samples had a stamp that the link had already"
+                f"{window(facts, link, 'rewritten')}; it is by {authority(frame.authority)}",
+            )
+
+
+def too_old(facts: TreeFacts) -> Evidence:
+    for link in facts.links:
+        count = facts.count(link, "dropped")
+        if count:
+            yield (
+                link.frame.name,
+                f"{count:,} transforms were older than the cache time and dropped"
+                f"{window(facts, link, 'dropped')}",
+            )
+
+
+def time_jumps(facts: TreeFacts) -> Evidence:
+    for link in facts.links:
+        count = facts.count(link, "time_jumps")
+        jump = link.frame.last_time_jump
+        if count or (jump is not None and facts.ago_s(jump.at_ns) is not None):
+            yield (
+                link.frame.name,
+                f"its history was cleared {times(count or link.frame.time_jumps)} as time was set "
+                "back",
+            )
+
+
+def drift(facts: TreeFacts) -> Evidence:
+    found: dict[str, list[float]] = defaultdict(list)
+    for link in facts.dynamic:
+        rate = 0.0 if link.seen is None else link.seen.timing.drift
+        if rate:
+            # A recording's topic has links of many computers.
+            has_name = link.frame.authority and not facts.is_complete
+            found[link.frame.authority if has_name else link.frame.name].append(rate)
+    for subject, rates in found.items():
+        rate = max(rates, key=abs)
+        what = "gain on" if rate > 0 else "fall behind"
+        yield subject, f"its stamps {what} the clock by {abs(rate) * 1e3:.1f} ms every second"
+
+
+def is_of_other_epoch(facts: TreeFacts, link: LinkFacts) -> bool:
+    """Return whether a link's stamps are of another clock than those of the other links.
+
+    Args:
+        facts: What is known about the tree.
+        link: A link that has stamps.
+    """
+    reference, by_clock = facts.reference
+    newest_ns = link.frame.newest_stamp_ns or 0
+    if not by_clock or abs(newest_ns - reference) <= CLOCK_RANGE_S * 10**9:
+        return False
+    came = link.seen is not None and link.seen.timing.arrivals
+    return bool(came) or newest_ns > reference or newest_ns < SIMULATED_NS
+
+
+def other_epoch(facts: TreeFacts) -> Evidence:
+    for link in facts.dynamic:
+        if is_of_other_epoch(facts, link):
+            newest_ns = link.frame.newest_stamp_ns or 0
+            kind = ", as of a simulation" if newest_ns < SIMULATED_NS else ""
+            yield (
+                link.frame.name,
+                f"its newest stamp is {seconds(newest_ns)} s{kind}, but other links have stamps "
+                f"of the clock, which is at {seconds(facts.now_ns)} s; it is by "
+                f"{authority(link.frame.authority)}",
+            )
+
+
+def jitter(facts: TreeFacts) -> Evidence:
+    for link in facts.dynamic:
+        timing = None if link.seen is None else link.seen.timing
+        if timing is not None and timing.jitter_ns:
+            yield (
+                link.frame.name,
+                f"the delay from stamp to arrival varies by {age(round(timing.jitter_ns))}, and "
+                f"the stamps are irregular, although they come at {link.frame.rate_hz or 0:.1f} "
+                f"Hz; it is by {authority(link.frame.authority)}",
+            )
+
+
+def backwards(facts: TreeFacts) -> Evidence:
+    for link in facts.dynamic:
+        timing = None if link.seen is None else link.seen.timing
+        if timing is not None and timing.backwards:
+            yield (
+                link.frame.name,
+                f"{timing.backwards:,} of {samples(timing.arrivals)} came after newer ones, which "
+                f"were up to {age(timing.backwards_ns)} newer; it is by "
+                f"{authority(link.frame.authority)}",
+            )
+
+
+def bursts(facts: TreeFacts) -> Evidence:
+    for link in facts.dynamic:
+        pauses = [pause for pause in facts.pauses(link) if not pause.is_gap]
+        waits_ns = [pause.end_ns - pause.start_ns for pause in pauses]
+        if len(pauses) < _BURSTS or link.seen is None:
+            continue
+        if sum(waits_ns) > _BURSTS_PART * (pauses[-1].end_ns - pauses[0].start_ns):
+            yield (
+                link.frame.name,
+                f"nothing came {times(len(waits_ns))} for up to {age(max(waits_ns))}, and then "
+                f"samples for all of that time at once, every "
+                f"{age(round(link.seen.timing.period_ns or 0))} by their stamps; it is by "
+                f"{authority(link.frame.authority)}",
+            )
+
+
+def _cleared_stray(facts: TreeFacts, link: LinkFacts) -> str | None:
+    """The evidence of a stamp ahead of the clock, after which the history was cleared."""
+    jump = link.frame.last_time_jump
+    ago_s = None if jump is None else facts.ago_s(jump.at_ns)
+    if jump is None or ago_s is None:
+        return None
+    lead_ns = jump.newest_stamp_ns - jump.at_ns
+    if not _AHEAD_S * 1e9 < lead_ns < CLOCK_RANGE_S * 10**9:
+        return None
+    return (
+        f"a stamp was {age(lead_ns)} ahead of the clock {age(max(0, round(ago_s * 1e9)))} ago, and "
+        "its history was cleared when samples with earlier stamps followed; it is by "
+        f"{authority(link.frame.authority)}"
+    )
+
+
+def _is_post_dated(facts: TreeFacts, link: LinkFacts) -> bool:
+    """Whether a localisation stamps its last correction ahead on purpose: it repeats a pose above
+    odometry whose stamps are not ahead."""
+    lead_ns = (link.frame.newest_stamp_ns or 0) - facts.reference[0]
+    if link.seen is None or not _AHEAD_S * 1e9 < lead_ns < _POST_DATED_S * 1e9:
+        return False
+    return link.seen.motion.still_part > _REPEATED_POSES and any(
+        below.frame.parent == link.frame.name
+        and (below.frame.newest_stamp_ns or 0) - facts.reference[0] < _AHEAD_S * 1e9
+        for below in facts.dynamic
+    )
+
+
+def _is_off(least_s: float, greatest_s: float) -> bool:
+    # Stamps of a simulation or a recording are of no clock.
+    return _AHEAD_S < least_s < CLOCK_RANGE_S or -CLOCK_RANGE_S < greatest_s < -_BEHIND_S
+
+
+def _lead(least_s: float, greatest_s: float) -> str:
+    if least_s > 0:
+        return f"ahead of the server's by {least_s:.3f} to {greatest_s:.3f} s"
+    return f"behind the server's by {-greatest_s:.3f} to {-least_s:.3f} s"

@@ -1,0 +1,180 @@
+"""The checks of publishers: whether two write one link, and whether their samples come."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
+from zenoh_tf.doctor.words import Evidence, authority, listed, times, window
+from zenoh_tf.introspection.explain import is_stopped, silence_limit_s
+from zenoh_tf.text import quoted
+from zenoh_tf.text.times import age
+
+#: A link that changes its parent is grasped or released; more often than this, two publishers
+#: disagree.
+_FLIPS: Final = 3
+_FLIPS_PER_S: Final = 0.2
+#: A gap in a link's samples, in its periods and in seconds.
+_GAP_PERIODS: Final = 10
+_GAP_S: Final = 0.5
+#: A slow link, and how many times as fast another one of its chain is.
+_SLOW_HZ: Final = 2.5
+_SLOW_SAMPLES: Final = 3
+_FASTER: Final = 20
+
+
+def two_publishers(facts: TreeFacts) -> Evidence:
+    for link in facts.links:
+        frame = link.frame
+        changes = facts.count(link, "authority_changes")
+        # Whether static values differ is known if they were seen.
+        if changes < 2 or (frame.static and link.seen is not None):
+            continue
+        others = [
+            other.name
+            for other in facts.authorities
+            if other.conflicts and other.name != frame.authority
+        ]
+        suspects = f"; others that have taken over frames: {listed(others)}" if others else ""
+        yield (
+            frame.name,
+            f"the link has changed hands {times(changes)}"
+            f"{window(facts, link, 'authority_changes')}, the last time to "
+            f"{authority(frame.authority)}{suspects}",
+        )
+
+
+def flip_flop(facts: TreeFacts) -> Evidence:
+    for link in facts.links:
+        flips = facts.grown(link, "reparented") or 0
+        if flips >= _FLIPS and flips >= _FLIPS_PER_S * facts.observed_s:
+            change = link.frame.last_change
+            before = change.parent_before if change is not None else None
+            between = "" if before is None else f", such as from {quoted(before)}"
+            yield (
+                link.frame.name,
+                f"its parent has changed {times(flips)} in {facts.observed_s:.1f} s{between} to "
+                f"{quoted(link.frame.parent)}",
+            )
+
+
+def static_and_dynamic(facts: TreeFacts) -> Evidence:
+    for link in facts.links:
+        frame = link.frame
+        last = frame.last_change
+        is_last = last is not None and last.kind == "switched"
+        # A static link's stamp may be any: then it is not known when it was switched.
+        is_old = (
+            last is not None and last.stamp_ns > SIMULATED_NS and not facts.ago_s(last.stamp_ns)
+        )
+        if facts.count(link, "switched") or (is_last and not is_old):
+            now = "static" if frame.static else "dynamic"
+            yield (
+                frame.name,
+                f"the link has switched between static and dynamic {times(frame.switched)}; now "
+                f"it is {now}, by {authority(frame.authority)}",
+            )
+
+
+def is_silent(facts: TreeFacts, link: LinkFacts) -> bool:
+    """Return whether a link's samples have ceased to come. Their stamps say so only if nothing
+    else does, as a clock may be wrong.
+
+    Args:
+        facts: What is known about the tree.
+        link: A link of it.
+    """
+    limit_s = silence_limit_s(link.frame)
+    if limit_s is None:
+        return False
+    last_ns = None if link.seen is None else link.seen.timing.last_ns
+    if last_ns is not None:
+        return facts.now_ns - last_ns > limit_s * 1e9
+    if not facts.is_complete and facts.grown(link, "version"):
+        return False
+    return is_stopped(link.frame, facts.reference[0] + round(1e9 * _clock_s(facts, link)))
+
+
+def stopped(facts: TreeFacts) -> Evidence:
+    reference, by_clock = facts.reference
+    for link in facts.dynamic:
+        if not is_silent(facts, link):
+            continue
+        last_ns = None if link.seen is None else link.seen.timing.last_ns
+        if last_ns is None:
+            late = age(reference - (link.frame.newest_stamp_ns or 0))
+            behind = "old" if by_clock else "behind the newest of the tree"
+            since = f"its newest sample is {late} {behind}"
+        else:
+            since = f"no sample has come for {age(facts.now_ns - last_ns)}"
+        yield (
+            link.frame.name,
+            f"{since}; they came at {link.frame.rate_hz:.1f} Hz "
+            f"from {authority(link.frame.authority)}",
+        )
+
+
+def sagging(facts: TreeFacts) -> Evidence:
+    for link in facts.dynamic:
+        gaps_ns = [pause.end_ns - pause.start_ns for pause in facts.pauses(link) if pause.is_gap]
+        if gaps_ns and link.seen is not None:
+            period_ns = link.seen.timing.period_ns or 0.0
+            if max(gaps_ns) > max(_GAP_S * 1e9, _GAP_PERIODS * period_ns):
+                yield (
+                    link.frame.name,
+                    f"no sample came for {age(max(gaps_ns))}, although they come at "
+                    f"{1e9 / period_ns:.1f} Hz from {authority(link.frame.authority)}",
+                )
+
+
+def refused(facts: TreeFacts) -> Evidence:
+    before = {known.name: known.refused for known in facts.authorities_before}
+    for publisher in facts.authorities:
+        reason = publisher.last_refusal or ""
+        grown = publisher.refused - before.get(publisher.name, 0)
+        # A static link is sent once: what was refused before is missing still.
+        is_missing = any(name not in facts.frames for name in re.findall(r"'([^']+)'", reason))
+        if publisher.refused and (grown or is_missing):
+            yield (
+                publisher.name,
+                f"{publisher.refused:,} of its transforms were refused, the last because: {reason}",
+            )
+
+
+def slow(facts: TreeFacts) -> Evidence:
+    rates = {link.frame.name: _rate_hz(link) for link in facts.dynamic}
+    fastest: dict[str, tuple[float, str]] = {}  # of the links that a frame shares a chain with
+    for name, rate in rates.items():
+        if rate is None:
+            continue
+        above = facts.ancestors(name)[1:]
+        for other in above:
+            fastest[other] = max(fastest.get(other, (0.0, "")), (rate, name))
+        for other in above:
+            other_rate = rates.get(other)
+            if other_rate is not None:
+                fastest[name] = max(fastest.get(name, (0.0, "")), (other_rate, other))
+    for name, rate in rates.items():
+        faster_hz, faster = fastest.get(name, (0.0, ""))
+        if rate is not None and rate <= _SLOW_HZ and faster_hz >= _FASTER * rate:
+            yield (
+                name,
+                f"its samples come at {rate:.1f} Hz, those of {quoted(faster)} on the same chain "
+                f"at {faster_hz:.1f} Hz: a lookup over both waits for up to {1 / rate:.1f} s, or "
+                "is as old",
+            )
+
+
+def _rate_hz(link: LinkFacts) -> float | None:
+    """The rate of samples that tell one."""
+    rate = link.frame.rate_hz
+    return rate if link.frame.samples >= _SLOW_SAMPLES else None
+
+
+def _clock_s(facts: TreeFacts, link: LinkFacts) -> float:
+    """How far the clock of a link's authority is ahead; 0 if unknown."""
+    for publisher in facts.authorities:
+        if publisher.name == link.frame.authority:
+            return publisher.clock_offset_max_s or 0.0
+    return 0.0
