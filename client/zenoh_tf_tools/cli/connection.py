@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 
 from zenoh_tf import LookupException, TransformException
@@ -29,31 +29,38 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
         user=args.user,
         password_file=args.password_file,
     )
-    with TransformClient.connect(
-        args.connect or environment.endpoint(),
-        tree=args.tree,
-        timeout_s=args.timeout,
-        credentials=credentials,
-        reads=reads or environment.reads(),
-    ) as tf:
-        try:
-            yield tf
-        except LookupException as error:
-            _suggest_names(tf, error)
-            raise
+    with (
+        TransformClient.connect(
+            args.connect or environment.endpoint(),
+            tree=args.tree,
+            timeout_s=args.timeout,
+            credentials=credentials,
+            reads=reads or environment.reads(),
+        ) as tf,
+        suggest_names(tf.frames),
+    ):
+        yield tf
 
 
-def _suggest_names(tf: TransformClient, error: LookupException) -> None:
-    asked = dict.fromkeys(
-        name for name in (error.target_frame, error.source_frame, error.frame) if name is not None
-    )
+@contextmanager
+def suggest_names(frames: Callable[[], Collection[str]]) -> Iterator[None]:
+    """Add a note with the names that may be meant to an error about a frame that does not exist."""
     try:
-        names = set(tf.frames())
-    except TransformException:
-        return  # the error that the user sees is the first one
-    question = did_you_mean([name for name in asked if name not in names], names)
-    if question is not None:
-        error.add_note(question)
+        yield
+    except LookupException as error:
+        asked = dict.fromkeys(
+            name
+            for name in (error.target_frame, error.source_frame, error.frame)
+            if name is not None
+        )
+        try:
+            names = set(frames())
+        except TransformException:
+            raise error from None  # the error that the user sees is the first one
+        question = did_you_mean([name for name in asked if name not in names], names)
+        if question is not None:
+            error.add_note(question)
+        raise
 
 
 def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:

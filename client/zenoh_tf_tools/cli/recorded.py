@@ -8,10 +8,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from zenoh_tf.recordings import Recording, RecordingError, open_recording
+from zenoh_tf import LimitExceeded, TransformTree
+from zenoh_tf.recordings import (
+    MAX_MEMORY_BYTES,
+    OPTIONS,
+    Recording,
+    RecordingError,
+    load,
+    open_recording,
+)
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import RecordedTime, recorded_time
+from zenoh_tf.text.flag_values import (
+    LIVE_TIMES,
+    RECORDED_TIMES,
+    RecordedTime,
+    live_time,
+    recorded_time,
+)
 from zenoh_tf.text.times import seconds
+from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.errors import CommandError
 
 
@@ -44,6 +59,39 @@ def opened(args: argparse.Namespace) -> Iterator[Recording]:
             yield recording
     except RecordingError as error:
         raise CommandError(str(error)) from error
+
+
+def load_tree(
+    args: argparse.Namespace, max_memory_bytes: int = MAX_MEMORY_BYTES
+) -> tuple[TransformTree, tuple[int, int] | None]:
+    """The recording as a tree, and its first and last stamp, read under a progress bar."""
+    tree = TransformTree(**OPTIONS, max_memory_bytes=max_memory_bytes)
+    with opened(args) as recording:
+        with Progress(recording.message_count, "messages") as progress:
+            try:
+                load(recording, tree, progress.to)
+            except LimitExceeded as error:
+                raise CommandError(
+                    f"{args.file}: {error}; allow more by --max-memory, or read less by --topic"
+                ) from error
+        warn(recording)
+    return tree, recording.range_ns
+
+
+def add_live_or_recorded_at(parser: argparse.ArgumentParser) -> None:
+    """Add --at of a command that reads a recording or asks a server; see `live_or_recorded_at`."""
+    parser.add_argument("--at", metavar="TIME", help=f"{LIVE_TIMES}; with FILE {RECORDED_TIMES}")
+
+
+def live_or_recorded_at(args: argparse.Namespace) -> int | RecordedTime | None:
+    """The time of --at: in nanoseconds, of a recording, or None if it is not given."""
+    if args.at is None:
+        return None
+    try:
+        return live_time(args.at) if args.file is None else recorded_time(args.at)
+    except argparse.ArgumentTypeError as error:
+        args.usage_error(f"argument --at: {error}")
+        raise
 
 
 def chosen_range(

@@ -14,19 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import (
-    LimitExceeded,
     StampedTransform,
     TransformArray,
     TransformTree,
     export,
 )
-from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, load
+from zenoh_tf.recordings import MAX_MEMORY_BYTES
 from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, recorded_time, size
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands
-from zenoh_tf_tools.cli.progress import Progress
+from zenoh_tf_tools.cli.connection import suggest_names
 from zenoh_tf_tools.errors import CommandError, keep_input
 
 #: Rows of one answer; 100 bytes each.
@@ -89,32 +88,18 @@ def _query(args: argparse.Namespace) -> int:
     if (args.start or args.end) and args.every is None:
         args.usage_error("--start and --end belong to --every")
     keep_input(args.file, args.npz)
-    tree, range_ns = _load(args)
+    tree, range_ns = recorded.load_tree(args, args.max_memory)
     if args.target is None:
         _print_frames(args, tree, range_ns)
         return 0
-    served = _range(tree, args.target, args.source)
-    times = _times(args, range_ns or (0, 0), served)
-    array = tree.sample(args.target, args.source, times)
-    if not array.ok.any():
-        tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
+    with suggest_names(tree.frames):
+        served = _range(tree, args.target, args.source)
+        times = _times(args, range_ns or (0, 0), served)
+        array = tree.sample(args.target, args.source, times)
+        if not array.ok.any():
+            tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
     _print(args, array)
     return 0
-
-
-def _load(args: argparse.Namespace) -> tuple[TransformTree, tuple[int, int] | None]:
-    """The recording as a tree, and its first and last stamp, read under a progress bar."""
-    tree = TransformTree(**OPTIONS, max_memory_bytes=args.max_memory)
-    with recorded.opened(args) as recording:
-        with Progress(recording.message_count, "messages") as progress:
-            try:
-                load(recording, tree, progress.to)
-            except LimitExceeded as error:
-                raise CommandError(
-                    f"{args.file}: {error}; allow more by --max-memory, or read less by --topic"
-                ) from error
-        recorded.warn(recording)
-    return tree, recording.range_ns
 
 
 # --- times

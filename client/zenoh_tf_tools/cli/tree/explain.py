@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
+from zenoh_tf import Explanation
+from zenoh_tf.text.flag_values import RecordedTime
+from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.errors import FAULT_FOUND
 
@@ -16,16 +18,30 @@ def add(commands: Commands) -> None:
         _explain,
         "say why a lookup fails or is old, and what to do",
         "Print the chain between two frames link by link, read at one instant, which link limits "
-        "the lookup, why it fails if it does, and what to do. Exit code 3 if it fails.",
+        "the lookup, why it fails if it does, and what to do. With FILE: a lookup in a recording. "
+        "Exit code 3 if it fails.",
         "zenoh-tf explain map camera",
         "zenoh-tf explain map camera --at now-0.5s",
+        "zenoh-tf explain run.mcap map camera --at +10s",
     )
+    add_optional_file(explain)
     add_frames(explain)
-    add_at(explain)
+    recorded.add_live_or_recorded_at(explain)
 
 
 def _explain(args: argparse.Namespace) -> int:
-    with connect(args) as tf:
-        found = tf.explain(args.target, args.source, args.at)
+    found = _found(args)
     output.show(args, found.document(), found.text(output.paint))
     return 0 if found.possible else FAULT_FOUND
+
+
+def _found(args: argparse.Namespace) -> Explanation:
+    at = recorded.live_or_recorded_at(args)
+    if args.file is None:
+        assert not isinstance(at, RecordedTime)
+        with connect(args) as tf:
+            return tf.explain(args.target, args.source, at)
+    tree, range_ns = recorded.load_tree(args)
+    if isinstance(at, RecordedTime):
+        at = recorded.stamp_ns("--at", at, range_ns or (0, 0), 0)
+    return tree._explain(args.target, args.source, at, recorded=True)
