@@ -117,6 +117,33 @@ def test_velocity(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+def test_static_answers_have_no_time(run: Run) -> None:
+    """Their stamp is 0, which may be a sample's, too."""
+    for command in (
+        ("lookup", "base", "camera"),
+        ("latest", "base", "camera"),
+        ("wait", "base", "camera"),
+        ("echo", "base", "camera", "--count", "1"),
+        ("echo", "base", "camera", "--on-change", "--count", "1"),
+        ("velocity", "camera", "base"),
+    ):
+        lines = succeeds(run(*command)).splitlines()
+        assert lines[1].split() == ["time", "static"], command
+    assert document(run("lookup", "base", "camera", "--json"))["stamp_ns"] == 0
+    assert "0.000000000 s" not in succeeds(run("frame", "camera"))
+    succeeds(run("set", "start", "now", "0", "0", "0", "--stamp", "0s"))
+    assert "time         0.000000000 s" in succeeds(run("lookup", "start", "now"))
+
+
+def test_set_takes_angles(run: Run) -> None:
+    succeeds(run("set", "a", "b", "1", "2", "3", "--yaw", "-90deg", "--roll", "0.1rad"))
+    found = document(run("latest", "a", "b", "--json"))
+    assert found["translation"] == [1, 2, 3]
+    expected = Transform.from_rpy(0.1, 0.0, -math.pi / 2)
+    assert found["rotation"] == pytest.approx(expected.rotation.tolist())
+
+
+@pytest.mark.usefixtures("chain")
 def test_velocity_over_no_time(run: Run) -> None:
     assert "averaging_interval_s" in refusal(run("velocity", "base", "map", "--interval", "0"))
 

@@ -7,6 +7,9 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
+
+from tests.recordings.files import Log, write
 from tests.support.command_line import Run, parsers
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.main import _for_argparse, _parser
@@ -59,10 +62,20 @@ def test_no_command_is_left_out() -> None:
     assert {line[0] for line in RUNNABLE} == names - set(ELSEWHERE)
 
 
+@pytest.fixture
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder that commands run in has a recording."""
+    log: Log = [(i / 50, "/tf", [("map", "base_link", 9.0 + i / 50, i / 50)]) for i in range(1001)]
+    write(tmp_path / "log", log).rename(tmp_path / "run.mcap")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("in_folder")
 def test_the_examples_run(robot: TransformClient, command: Run) -> None:
     run_all(RUNNABLE, command)
 
 
+@pytest.mark.usefixtures("in_folder")
 def test_the_page_about_commands(robot: TransformClient, command: Run) -> None:
     """Its lines run in order."""
     blocks = "".join(re.findall(r"```sh\n(.*?)```", PAGE.read_text(), re.S))

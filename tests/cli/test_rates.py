@@ -15,6 +15,7 @@ from tests.support.command_line import Run
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.show import rates
+from zenoh_tf_tools.cli.show.pair_delays import PairDelay, PairWatch
 from zenoh_tf_tools.cli.show.rates import AuthorityRate, LinkRate, Period
 from zenoh_tf_tools.cli.show.top import _board
 
@@ -131,3 +132,41 @@ def test_the_rates_of_an_authority() -> None:
     rate = rates._authority(now, before, 2.0)
     assert (rate.commits_per_s, rate.transforms_per_s) == (2.0, 4.0)
     assert rates._authority(now, rates._new(now), 1.0).commits_per_s == 5.0
+
+
+def test_the_delay_of_a_pair(robot: TransformClient, command: Run) -> None:
+    pairs = [("camera", "map"), ("base_link", "camera"), ("map", "nowhere")]
+    flags = [word for pair in pairs for word in ("--pair", *pair)]
+    ended = command("monitor", "--every", "0.1s", "--count", "1", "--json", *flags)
+    moving, static, unknown = json.loads(ended.stdout)["pairs"]
+    # This tree's stamps are 299 s ahead.
+    assert -299 <= moving["least_delay_s"] <= moving["greatest_delay_s"] < 0
+    assert moving["oldest_link"] in ("odom", "base_link")
+    assert (static["least_delay_s"], static["problem"]) == (None, "static")
+    assert unknown["problem"] == "no frame 'nowhere'"
+    for name in ("monitor", "top"):
+        text = command(name, "--every", "0.1s", "--count", "1", *flags).stdout
+        assert re.search(r"camera <- map +-\d+\.\d{3} +-\d+\.\d{3} +(odom|base_link)", text)
+        assert re.search(r"base_link <- camera +- +- +static", text)
+
+
+def test_the_oldest_link_of_a_pair() -> None:
+    tree = TransformTree(cache_time_s=1000.0)
+    second = 10**9
+    for parent, child, stamp_s in (("map", "a", 90), ("map", "b", 97), ("b", "c", 95)):
+        tree.set_transform(StampedTransform(parent, child, stamp_s * second, Transform()))
+    tree.set_transform(StampedTransform("other", "x", 99 * second, Transform()))
+    frames = {name: tree.frame(name) for name in tree.frames()}
+
+    def delay(target: str, source: str, *clocks_s: int) -> PairDelay:
+        watch = PairWatch((target, source))
+        for clock_s in clocks_s:
+            watch.add(frames, clock_s * second)
+        return watch.result()
+
+    assert delay("b", "c", 100, 103) == PairDelay("b", "c", 5.0, 8.0, "c", None)
+    assert delay("map", "c", 100) == PairDelay("map", "c", 5.0, 5.0, "c", None)
+    assert delay("a", "c", 100).oldest_link == "a"
+    assert delay("c", "c", 100).problem == "static"
+    assert delay("c", "x", 100).problem == "not connected: the roots are 'map' and 'other'"
+    assert delay("b", "c", 10**6).problem == "the stamps are of another clock"

@@ -24,6 +24,11 @@ HALF = math.sqrt(0.5)
             Transform((1, -2, 0.3), (0, 0, HALF, HALF)),
         ),
         ("0 0 0 0.3 -0.2 0.1 base_link lens", Transform.from_rpy(0.1, -0.2, 0.3)),
+        ("0 0 0 -90deg 0 0.1rad base_link lens", Transform.from_rpy(0.1, 0.0, -math.pi / 2)),
+        (
+            "--yaw -90deg --roll 1e-1 --frame-id base_link --child-frame-id lens",
+            Transform.from_rpy(0.1, 0.0, -math.pi / 2),
+        ),
         ("1 2 3 0 0 -0.6 0.8 base_link lens", Transform((1, 2, 3), (0, 0, -0.6, 0.8))),
         ("--x 1 --z -3 --frame-id base_link --child-frame-id lens", Transform((1, 0, -3))),
         (
@@ -56,11 +61,14 @@ def test_the_forms_of_tf2(
         ("1 2 3 base_link lens", "6 or 7 numbers and two frames, not 5 arguments"),
         ("1 2 3 4 5 base_link lens", "not 7 arguments"),
         ("1 2 3 4 5 6 7 8 base_link lens", "not 10 arguments"),
-        ("1 2 3 4 5 six base_link lens", "'six' is not a number"),
+        ("1 2 3 4 5 six base_link lens", "'six' is not an angle; give 90deg"),
         ("1 2 3 0 0 0 base_link lens --x 1", "--x cannot be combined with arguments in a row"),
         ("--x 1 --frame-id base_link", "give --frame-id and --child-frame-id"),
         ("--yaw 1 --qw 1 --frame-id a --child-frame-id b", "angles or a quaternion, not both"),
         ("--x one --frame-id a --child-frame-id b", "'one' is not a number"),
+        ("--x 90deg --frame-id a --child-frame-id b", "'90deg' is not a number"),
+        ("0 0 0 0 0 0 90deg a b", "'90deg' is not a number"),
+        ("0 0 0 90grad 0 0 a b", "'90grad' is not an angle; give 90deg or 1.57rad"),
     ],
 )
 def test_other_forms_are_refused(command: Run, arguments: str, said: str) -> None:

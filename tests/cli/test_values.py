@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf.text.flag_values import duration, live_time, number, recorded_time, size, whole
+from zenoh_tf.text.flag_values import angle, duration, live_time, number, recorded_time, size, whole
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli.output import when
 
@@ -135,6 +136,20 @@ def test_refusals(parse: Parse, text: str, message: str) -> None:
     assert message in refused(parse, text)
 
 
+def test_angles() -> None:
+    for text in ("90deg", "+90deg", " 90deg", "9e1deg"):
+        assert angle()(text) == pytest.approx(math.pi / 2)
+    assert [angle()(text) for text in ("0", "-0.5rad", ".5rad")] == [0.0, -0.5, 0.5]
+    assert angle(bare=True)("1.5708") == 1.5708
+    assert angle(bare=True)("-180deg") == pytest.approx(-math.pi)
+    assert refused(angle(), "90") == (
+        "'90' is ambiguous: 90 degrees or 90 radians; write 90deg or 90rad"
+    )
+    for text in ("", "deg", "90 deg", "nan", "infdeg", "90grad"):
+        assert "is not an angle; give 90deg or 1.57rad" in refused(angle(), text)
+    assert "is not a number" in refused(angle(), "1e999deg")
+
+
 def test_numbers() -> None:
     assert number()("-1e-3") == -0.001
     assert whole(1)("7") == 7
@@ -149,6 +164,7 @@ def test_the_page_has_only_what_can_be_read() -> None:
         "time of a running tree": (live_time,),
         "time of a recording": (recorded_time,),
         "duration": (duration(),),
+        "angle": (angle(),),
         "number": (number(),),
         "whole number": (whole(0),),
         "bytes": (size(),),

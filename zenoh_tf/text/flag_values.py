@@ -43,6 +43,7 @@ _ISO: Final = re.compile(
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 #: What a number without a unit may mean.
 _LENGTHS: Final = "{0} seconds or {0} milliseconds; write {0}s or {0}ms"
+_ANGLE: Final = re.compile(rf"(?P<number>[+-]?{_NUMBER})(?P<unit>deg|rad)?", re.ASCII)
 #: The last time that a stamp can say.
 _MAX_NS: Final = (1 << 63) - 1
 
@@ -114,6 +115,26 @@ def number(
         if not re.fullmatch(rf"[+-]?{_NUMBER}", text, re.ASCII):
             raise argparse.ArgumentTypeError(f"{text!r} is not a number")
         return _in_range(float(text), text, "number", low, high, above, "")
+
+    return parse
+
+
+def angle(*, bare: bool = False) -> Callable[[str], float]:
+    """A type for an angle with its unit, in radians; 0 needs no unit.
+
+    Args:
+        bare: A number alone is in radians, as other programs write it.
+    """
+
+    def parse(text: str) -> float:
+        match = _ANGLE.fullmatch(text.strip())
+        if match is None:
+            raise argparse.ArgumentTypeError(f"{text!r} is not an angle; give 90deg or 1.57rad")
+        value = float(match["number"])
+        if match["unit"] is None and value and not bare:
+            raise _ambiguous(text, "{0} degrees or {0} radians; write {0}deg or {0}rad")
+        _in_range(value, text, "number", -math.inf, math.inf, False, "")
+        return math.radians(value) if match["unit"] == "deg" else value
 
     return parse
 

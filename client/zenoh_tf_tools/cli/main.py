@@ -39,6 +39,8 @@ from zenoh_tf_tools.errors import CommandError
 
 # argparse reads "-1e-3" and "-5." as options, but "-0.001" as a number.
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+# So it does an angle such as "-90deg", unless there is a space in it.
+_NEGATIVE_ANGLE = re.compile(rf"{_NEGATIVE_NUMBER.pattern}(deg|rad)")
 # argparse reads a time such as "-1s" as an option, too.
 _NEGATIVE_TIME = re.compile(r"-\.?\d[\w.]*")
 
@@ -113,11 +115,13 @@ def _fail_json(code: int, kind: str, message: str, fields: dict[str, object]) ->
 
 
 def _for_argparse(given: Sequence[str]) -> list[str]:
-    """Rewrite negative numbers and times so that argparse does not read them as options."""
+    """Rewrite negative numbers, times and angles so that argparse does not read them as options."""
     arguments: list[str] = []
     for argument in given:
         if _NEGATIVE_NUMBER.fullmatch(argument):
             arguments.append(format(Decimal(argument), "f"))
+        elif _NEGATIVE_ANGLE.fullmatch(argument):
+            arguments.append(f" {argument}")
         elif _NEGATIVE_TIME.fullmatch(argument) and arguments and arguments[-1].startswith("--"):
             arguments[-1] += f"={argument}"
         else:

@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from typing import TextIO
+from typing import Protocol, TextIO
 
 from zenoh_tf import LatestTransform, StampedTransform, TransformException, Velocity
 from zenoh_tf.text import printable
@@ -59,9 +59,29 @@ def show(args: argparse.Namespace, document: object, text: str) -> None:
         print(text)
 
 
-def show_answer(args: argparse.Namespace, answer: StampedTransform) -> None:
-    """Print a lookup's result at once."""
-    show(args, answer_document(answer), answer_text(answer))
+class _Tree(Protocol):
+    def latest_common_time(self, a: str, b: str) -> int | None: ...
+
+
+def is_static(tree: _Tree, stamp_ns: int, a: str, b: str) -> bool:
+    """Return whether an answer about two frames holds at all times.
+
+    Such an answer has the stamp 0. So may a sample, so the tree is asked about that stamp.
+    """
+    if stamp_ns:
+        return False
+    try:
+        return tree.latest_common_time(a, b) is None
+    except TransformException:
+        return False
+
+
+def show_answer(args: argparse.Namespace, tree: _Tree, answer: StampedTransform) -> None:
+    """Print the result of a lookup in `tree` at once."""
+    static = not args.json and is_static(
+        tree, answer.stamp_ns, answer.parent_frame, answer.child_frame
+    )
+    show(args, answer_document(answer), answer_text(answer, static=static))
     sys.stdout.flush()
 
 
@@ -153,11 +173,13 @@ def answer_document(answer: StampedTransform) -> dict[str, object]:
     return document
 
 
-def answer_text(answer: StampedTransform) -> str:
-    """Return a lookup's result as text."""
+def answer_text(answer: StampedTransform, *, static: bool = False) -> str:
+    """Return a lookup's result as text. `static`: it holds at all times."""
     source, target = printable(answer.child_frame), printable(answer.parent_frame)
     lines = [f"{paint('frame', source)} in {paint('frame', target)}"]
-    if isinstance(answer, LatestTransform):
+    if static:
+        lines.append(row("time", "static"))
+    elif isinstance(answer, LatestTransform):
         lines.append(row("newest link", when(answer.newest_stamp_ns)))
         lines.append(row("oldest link", when(answer.stamp_ns)))
     else:
@@ -185,8 +207,8 @@ def velocity_document(velocity: Velocity) -> dict[str, object]:
     }
 
 
-def velocity_text(velocity: Velocity) -> str:
-    """Return a velocity as text."""
+def velocity_text(velocity: Velocity, *, static: bool = False) -> str:
+    """Return a velocity as text. `static`: it is the same at all times."""
     tracking, observation, reference = (
         paint("frame", printable(name))
         for name in (
@@ -200,7 +222,7 @@ def velocity_text(velocity: Velocity) -> str:
     return "\n".join(
         [
             f"{tracking} as seen from {observation}, in the axes of {reference}",
-            row("time", when(velocity.stamp_ns)),
+            row("time", "static" if static else when(velocity.stamp_ns)),
             row("averaged", f"over {age(velocity.end_ns - velocity.start_ns)}"),
             row("linear", numbers("xyz", velocity.linear.tolist()) + "  m/s"),
             row("angular", numbers("xyz", angular) + "  rad/s"),

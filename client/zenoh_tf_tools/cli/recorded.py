@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from zenoh_tf import LimitExceeded, TransformTree
 from zenoh_tf.recordings import (
@@ -18,16 +19,12 @@ from zenoh_tf.recordings import (
     open_recording,
 )
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import (
-    LIVE_TIMES,
-    RECORDED_TIMES,
-    RecordedTime,
-    live_time,
-    recorded_time,
-)
+from zenoh_tf.text.flag_values import LIVE_TIMES, RECORDED_TIMES, RecordedTime, recorded_time
 from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.errors import CommandError
+
+T = TypeVar("T")
 
 
 def add_file(parser: argparse.ArgumentParser) -> None:
@@ -51,6 +48,21 @@ def add_range(parser: argparse.ArgumentParser, help_: str) -> None:
         parser.add_argument(option, metavar="TIME", type=recorded_time, help=help_.format(end))
 
 
+def add_at(parser: argparse.ArgumentParser) -> None:
+    """Add --at of a command that asks a recording if FILE is given, else a server: `time_at` reads
+    it."""
+    parser.add_argument("--at", metavar="TIME", help=f"{LIVE_TIMES}; in FILE {RECORDED_TIMES}")
+
+
+def time_at(args: argparse.Namespace, parse: Callable[[str], T]) -> T | None:
+    """The value of --at by the grammar of a recording or of a server; None if it is not given."""
+    try:
+        return None if args.at is None else parse(args.at)
+    except argparse.ArgumentTypeError as error:
+        args.usage_error(f"argument --at: {error}")
+        raise AssertionError from error  # argparse has ended the process
+
+
 @contextmanager
 def opened(args: argparse.Namespace) -> Iterator[Recording]:
     """The recording that the arguments name. Its errors become CommandError."""
@@ -61,37 +73,22 @@ def opened(args: argparse.Namespace) -> Iterator[Recording]:
         raise CommandError(str(error)) from error
 
 
-def load_tree(
-    args: argparse.Namespace, max_memory_bytes: int = MAX_MEMORY_BYTES
+def loaded(
+    args: argparse.Namespace, max_memory_bytes: int = MAX_MEMORY_BYTES, advice: str = ""
 ) -> tuple[TransformTree, tuple[int, int] | None]:
-    """The recording as a tree, and its first and last stamp, read under a progress bar."""
+    """The recording as a tree, and its first and last stamp, read under a progress bar.
+
+    `advice`: what to do about a recording that is too large, for the error.
+    """
     tree = TransformTree(**OPTIONS, max_memory_bytes=max_memory_bytes)
     with opened(args) as recording:
         with Progress(recording.message_count, "messages") as progress:
             try:
                 load(recording, tree, progress.to)
             except LimitExceeded as error:
-                raise CommandError(
-                    f"{args.file}: {error}; allow more by --max-memory, or read less by --topic"
-                ) from error
+                raise CommandError(f"{args.file}: {error}{advice}") from error
         warn(recording)
     return tree, recording.range_ns
-
-
-def add_live_or_recorded_at(parser: argparse.ArgumentParser) -> None:
-    """Add --at of a command that reads a recording or asks a server; see `live_or_recorded_at`."""
-    parser.add_argument("--at", metavar="TIME", help=f"{LIVE_TIMES}; with FILE {RECORDED_TIMES}")
-
-
-def live_or_recorded_at(args: argparse.Namespace) -> int | RecordedTime | None:
-    """The time of --at: in nanoseconds, of a recording, or None if it is not given."""
-    if args.at is None:
-        return None
-    try:
-        return live_time(args.at) if args.file is None else recorded_time(args.at)
-    except argparse.ArgumentTypeError as error:
-        args.usage_error(f"argument --at: {error}")
-        raise
 
 
 def chosen_range(

@@ -13,12 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import (
-    StampedTransform,
-    TransformArray,
-    TransformTree,
-    export,
-)
+from zenoh_tf import StampedTransform, TransformArray, TransformTree, export
 from zenoh_tf.recordings import MAX_MEMORY_BYTES
 from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, recorded_time, size
@@ -88,7 +83,8 @@ def _query(args: argparse.Namespace) -> int:
     if (args.start or args.end) and args.every is None:
         args.usage_error("--start and --end belong to --every")
     keep_input(args.file, args.npz)
-    tree, range_ns = recorded.load_tree(args, args.max_memory)
+    advice = "; allow more by --max-memory, or read less by --topic"
+    tree, range_ns = recorded.loaded(args, args.max_memory, advice)
     if args.target is None:
         _print_frames(args, tree, range_ns)
         return 0
@@ -98,7 +94,7 @@ def _query(args: argparse.Namespace) -> int:
         array = tree.sample(args.target, args.source, times)
         if not array.ok.any():
             tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
-    _print(args, array)
+    _print(args, array, static=served is None and args.at is None)
     return 0
 
 
@@ -151,7 +147,7 @@ def _times(
 # --- output
 
 
-def _print(args: argparse.Namespace, array: TransformArray) -> None:
+def _print(args: argparse.Namespace, array: TransformArray, *, static: bool) -> None:
     missing = len(array) - int(array.ok.sum())
     if missing:
         print(
@@ -173,7 +169,7 @@ def _print(args: argparse.Namespace, array: TransformArray) -> None:
         for stamp_ns, *pose in _rows(array):
             print(f"{seconds(stamp_ns):>20}", *(f"{number:11.6f}" for number in pose))
     else:
-        print(output.answer_text(next(_answers(args, array))))
+        print(output.answer_text(next(_answers(args, array)), static=static))
 
 
 def _rows(array: TransformArray) -> Iterator[tuple[Any, ...]]:

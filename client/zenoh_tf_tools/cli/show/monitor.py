@@ -12,6 +12,8 @@ from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.quit_key import ends_on_q
+from zenoh_tf_tools.cli.show.pair_delays import add_pairs
 from zenoh_tf_tools.cli.show.rates import Period, watch
 
 
@@ -24,19 +26,21 @@ def add(commands: Commands) -> None:
         "the rate of its history, the least and the greatest age of its newest stamp (the least is "
         "about its delay); for an authority its commits and transforms, what was dropped and "
         "refused, and by how much its stamps lead their arrival. --json prints one document per "
-        "line. Continues if the server ends and comes back.",
+        "line. Continues if the server ends and comes back; q or Ctrl-C ends it.",
         "zenoh-tf monitor",
+        "zenoh-tf monitor --pair map gripper --pair map camera",
         "zenoh-tf monitor --every 500ms --count 2 --json",
     )
     add_periods(monitor, 2)
+    add_pairs(monitor)
 
 
 def _monitor(args: argparse.Namespace) -> int:
-    with connect(args) as tf:
+    with connect(args) as tf, ends_on_q():
         printed, is_reported = 0, False
         while printed != args.count:
             try:
-                period = watch(tf, args.every)
+                period = watch(tf, args.every, args.pairs)
             except ServerUnavailable as error:
                 if not is_reported:
                     output.report_waiting(error, args.json)
@@ -54,7 +58,7 @@ def _monitor(args: argparse.Namespace) -> int:
 
 
 def text(period: Period) -> str:
-    """A period as two tables."""
+    """A period as tables."""
     links = [
         (
             f"{printable(link.parent)} -> {printable(link.frame)}",
@@ -89,4 +93,16 @@ def text(period: Period) -> str:
         lines.append("")
         columns = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
         lines += output.table(columns, authorities, texts=(0,))
+    if period.pairs:
+        delays = [
+            (
+                f"{printable(pair.target)} <- {printable(pair.source)}",
+                output.figure(pair.least_delay_s, 3),
+                output.figure(pair.greatest_delay_s, 3),
+                printable(pair.oldest_link or pair.problem or ""),
+            )
+            for pair in period.pairs
+        ]
+        of_pairs = ("pair", "least delay [s]", "greatest [s]", "oldest link")
+        lines += ["", *output.table(of_pairs, delays, texts=(0, 3))]
     return "\n".join(lines)

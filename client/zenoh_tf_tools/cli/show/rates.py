@@ -11,6 +11,7 @@ from zenoh_tf.introspection.explain import is_stopped
 from zenoh_tf.text.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.records import watch_frames
+from zenoh_tf_tools.cli.show.pair_delays import PairDelay, PairWatch
 
 
 @dataclass(frozen=True)
@@ -53,15 +54,17 @@ class Period:
     static_links: int
     links: Sequence[LinkRate]
     authorities: Sequence[AuthorityRate]
+    pairs: Sequence[PairDelay] = ()
 
 
-def watch(tf: TransformClient, period_s: float) -> Period:
-    """Watch a tree for a period."""
+def watch(tf: TransformClient, period_s: float, pairs: Sequence[Sequence[str]] = ()) -> Period:
+    """Watch a tree for a period; `pairs`: of (target, source) whose delays are wanted."""
     start_s = time.monotonic()
     publishers = {each.name: each for each in tf.authorities()}
     ages: dict[str, list[float]] = {}
     before: dict[str, FrameInfo] = {}
     now: dict[str, FrameInfo] = {}
+    pair_watches = [PairWatch((target, source)) for target, source in pairs]
     for _, frames in watch_frames(tf, period_s):
         clock_ns = time.time_ns()
         for frame in frames:
@@ -70,6 +73,8 @@ def watch(tf: TransformClient, period_s: float) -> Period:
                 ages.setdefault(frame.name, []).append(age_s)
         now = {frame.name: frame for frame in frames}
         before = before or now
+        for pair in pair_watches:
+            pair.add(now, clock_ns)
     seconds = time.monotonic() - start_s
     stamps = [f.newest_stamp_ns for f in now.values() if not f.static and f.newest_stamp_ns]
     reference, _ = reference_ns(stamps, time.time_ns())
@@ -83,7 +88,8 @@ def watch(tf: TransformClient, period_s: float) -> Period:
         _authority(each, publishers.get(each.name, _new(each)), seconds)
         for each in tf.authorities()
     ]
-    return Period(seconds, static, links, authorities)
+    delays = [pair.result() for pair in pair_watches]
+    return Period(seconds, static, links, authorities, delays)
 
 
 def _link(

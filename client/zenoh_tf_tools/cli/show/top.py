@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import ServerUnavailable
@@ -11,6 +12,8 @@ from zenoh_tf.text import printable
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.output import figure
+from zenoh_tf_tools.cli.quit_key import ends_on_q
+from zenoh_tf_tools.cli.show.pair_delays import PairDelay, add_pairs
 from zenoh_tf_tools.cli.show.rates import LinkRate, Period, watch
 from zenoh_tf_tools.errors import extra
 
@@ -30,13 +33,14 @@ def add(commands: Commands) -> None:
         "top",
         _top,
         "show the links and publishers on a live board",
-        "Show the links and publishers on a board in the terminal, until Ctrl-C: links that have "
-        "stopped are red and come first. The figures are those of zenoh-tf monitor. Needs the "
+        "Show the links and publishers on a board in the terminal, until q or Ctrl-C: links that "
+        "have stopped are red and come first. The figures are those of zenoh-tf monitor. Needs the "
         "extra zenoh-tf[top].",
         "zenoh-tf top",
         "zenoh-tf top --every 500ms --sort rate",
     )
     add_periods(top, 1)
+    add_pairs(top)
     top.add_argument(
         "--sort", choices=_ORDERS, default="age", help="the order of the links (default age)"
     )
@@ -49,11 +53,15 @@ def _top(args: argparse.Namespace) -> int:
         from rich.console import Console  # noqa: PLC0415 - an optional extra
         from rich.live import Live  # noqa: PLC0415
     console = Console()
-    with connect(args) as tf, Live(console=console, screen=console.is_terminal) as live:
+    with (
+        connect(args) as tf,
+        ends_on_q(),  # first, as a board replaces stdout
+        Live(console=console, screen=console.is_terminal) as live,
+    ):
         shown = 0
         while shown != args.count:
             try:
-                period = watch(tf, args.every)
+                period = watch(tf, args.every, args.pairs)
             except ServerUnavailable as error:
                 live.update(_name(f"{error} (waiting)"), refresh=True)
                 time.sleep(args.every)
@@ -80,11 +88,12 @@ def _board(tree: str, period: Period, order: str, rows: int) -> Group:
         title.append(f", {stopped:,} stopped", style="bold red")
     links = sorted(period.links, key=_ORDERS[order])
     # The title, two headers with their rules, and the line that counts the rest.
-    shown = max(3, rows - len(period.authorities) - 10)
+    pairs = [_pairs(period.pairs)] if period.pairs else []
+    shown = max(3, rows - len(period.authorities) - (len(period.pairs) + 3 if pairs else 0) - 10)
     parts: list[Any] = [title, _links(links[:shown])]
     if len(links) > shown:
         parts.append(Text(f"and {len(links) - shown:,} more links", style="dim"))
-    return Group(*parts, _authorities(period))
+    return Group(*parts, *pairs, _authorities(period))
 
 
 def _links(links: list[LinkRate]) -> Any:
@@ -99,6 +108,18 @@ def _links(links: list[LinkRate]) -> Any:
             figure(link.greatest_age_s, 3),
             _name(link.authority),
             style="bold red" if link.stopped else "yellow" if late else None,
+        )
+    return table
+
+
+def _pairs(pairs: Sequence[PairDelay]) -> Any:
+    table = _table("pair", "least delay [s]", "greatest [s]", "oldest link")
+    for pair in pairs:
+        table.add_row(
+            _name(f"{pair.target} <- {pair.source}"),
+            figure(pair.least_delay_s, 3),
+            figure(pair.greatest_delay_s, 3),
+            _name(pair.oldest_link or pair.problem or ""),
         )
     return table
 
@@ -124,8 +145,8 @@ def _table(*titles: str) -> Any:
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for title in titles:
-        is_text = title in ("link", "authority")
-        table.add_column(title, justify="left" if is_text else "right", no_wrap=True)
+        is_text = title in ("link", "authority", "pair", "oldest link")
+        table.add_column(_name(title), justify="left" if is_text else "right", no_wrap=True)
     return table
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from zenoh_tf import Explanation
-from zenoh_tf.text.flag_values import RecordedTime
+from zenoh_tf.text.flag_values import live_time, recorded_time
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
     )
     add_optional_file(explain)
     add_frames(explain)
-    recorded.add_live_or_recorded_at(explain)
+    recorded.add_at(explain)
 
 
 def _explain(args: argparse.Namespace) -> int:
@@ -36,12 +36,11 @@ def _explain(args: argparse.Namespace) -> int:
 
 
 def _found(args: argparse.Namespace) -> Explanation:
-    at = recorded.live_or_recorded_at(args)
     if args.file is None:
-        assert not isinstance(at, RecordedTime)
+        stamp_ns = recorded.time_at(args, live_time)
         with connect(args) as tf:
-            return tf.explain(args.target, args.source, at)
-    tree, range_ns = recorded.load_tree(args)
-    if isinstance(at, RecordedTime):
-        at = recorded.stamp_ns("--at", at, range_ns or (0, 0), 0)
-    return tree._explain(args.target, args.source, at, recorded=True)
+            return tf.explain(args.target, args.source, stamp_ns)
+    time = recorded.time_at(args, recorded_time)
+    tree, range_ns = recorded.loaded(args)
+    stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
+    return tree._explain(args.target, args.source, stamp_ns, recorded=True)

@@ -114,7 +114,8 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
         done = {"authority": "taken over"}.get(change.kind, change.kind)
         before = "none" if change.parent_before is None else printable(change.parent_before)
         facts["last change"] = f"{done} by {printable(change.authority)}"
-        facts["  stamp"] = output.when(change.stamp_ns)
+        is_static = frame.static and change.stamp_ns == 0
+        facts["  stamp"] = "static" if is_static else output.when(change.stamp_ns)
         facts["  before"] = f"parent {before}" + (", static" if change.static_before else "")
     replaced = frame.last_replacement
     if replaced is not None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf.text.flag_values import duration
-from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
+from zenoh_tf import TransformTree, Velocity
+from zenoh_tf.text.flag_values import duration, live_time, recorded_time
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 
 
@@ -45,13 +47,15 @@ def add(commands: Commands) -> None:
         "how fast TRACKING moves as seen from OBSERVATION",
         "Print the velocity of TRACKING as seen from OBSERVATION, averaged over an interval around "
         "a time. Without --at: around the latest common time, the newest that every link between "
-        "them can serve.",
+        "them can serve. FILE needs the libraries of zenoh-tf[recordings].",
         "zenoh-tf velocity base_link map",
+        "zenoh-tf velocity base_link map run.mcap --at +10s",
         "zenoh-tf velocity base_link map --interval 500ms --reference base_link",
     )
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
-    add_at(velocity)
+    add_optional_file(velocity)
+    recorded.add_at(velocity)
     velocity.add_argument(
         "--interval",
         metavar="DURATION",
@@ -68,7 +72,7 @@ def add(commands: Commands) -> None:
 
 def _lookup(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        output.show_answer(args, tf.lookup_transform(args.target, args.source, args.at))
+        output.show_answer(args, tf, tf.lookup_transform(args.target, args.source, args.at))
     return 0
 
 
@@ -76,18 +80,32 @@ def _latest(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         xact = args.transactional
         look_up = tf.lookup_latest_transform_xact if xact else tf.lookup_latest_transform
-        output.show_answer(args, look_up(args.target, args.source))
+        output.show_answer(args, tf, look_up(args.target, args.source))
     return 0
 
 
 def _velocity(args: argparse.Namespace) -> int:
-    with connect(args) as tf:
-        velocity = tf.lookup_velocity(
-            args.tracking,
-            args.observation,
-            args.at,
-            args.interval,
-            reference_frame=args.reference,
-        )
-    output.show(args, output.velocity_document(velocity), output.velocity_text(velocity))
+    if args.file is not None:
+        time = recorded.time_at(args, recorded_time)
+        tree, range_ns = recorded.loaded(args)
+        stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0, inside=True)
+        _show_velocity(args, tree, stamp_ns)
+    else:
+        stamp_ns = recorded.time_at(args, live_time)
+        with connect(args) as tf:
+            _show_velocity(args, tf, stamp_ns)
     return 0
+
+
+def _show_velocity(
+    args: argparse.Namespace, tree: TransformTree | TransformClient, stamp_ns: int | None
+) -> None:
+    velocity: Velocity = tree.lookup_velocity(
+        args.tracking, args.observation, stamp_ns, args.interval, reference_frame=args.reference
+    )
+    static = not args.json and output.is_static(
+        tree, velocity.stamp_ns, args.tracking, args.observation
+    )
+    output.show(
+        args, output.velocity_document(velocity), output.velocity_text(velocity, static=static)
+    )

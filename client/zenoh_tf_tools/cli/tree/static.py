@@ -6,7 +6,7 @@ import argparse
 from typing import Final, NoReturn
 
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.text.flag_values import number
+from zenoh_tf.text.flag_values import angle, number
 from zenoh_tf_tools.cli.arguments import Commands, add_authority
 from zenoh_tf_tools.cli.tree.write import AUTHORITY, store
 
@@ -29,10 +29,11 @@ def add(commands: Commands) -> None:
         "static",
         _static,
         "store a static link, with tf2's argument forms",
-        "Store the pose of CHILD in PARENT for all times: metres, and radians or a quaternion. The "
-        "arguments are those of tf2's static_transform_publisher. The server keeps the link, so "
-        "the command ends.",
+        "Store the pose of CHILD in PARENT for all times: metres, and angles or a quaternion. The "
+        "arguments are those of tf2's static_transform_publisher; an angle is in radians, or has "
+        "its unit, as in 90deg. The server keeps the link, so the command ends.",
         "zenoh-tf static 0.1 0 0.25 0 0 0 base_link camera",
+        "zenoh-tf static 0.1 0 0.25 -90deg 0 0 base_link camera",
         "zenoh-tf static 0.1 0 0.25 0 0 0 1 base_link camera",
         "zenoh-tf static --x 0.1 --yaw 1.5708 --frame-id base_link --child-frame-id camera",
     )
@@ -40,9 +41,12 @@ def add(commands: Commands) -> None:
     static.add_argument("words", metavar="ARG", nargs="*", help="one of the two forms in a row")
     for unit, names in _UNITS.items():
         for name in names:
-            metavar = unit.upper()
+            is_angle = unit == "rad"
             static.add_argument(
-                f"--{name}", metavar=metavar, type=number(), help=f"{name} ({unit})"
+                f"--{name}",
+                metavar=unit.upper(),
+                type=angle(bare=True) if is_angle else number(),
+                help=f"{name} ({unit}{', or as in 90deg' if is_angle else ''})",
             )
     static.add_argument("--frame-id", metavar="PARENT", help="the parent frame")
     static.add_argument("--child-frame-id", metavar="CHILD", help="the child frame")
@@ -64,7 +68,8 @@ def _row(args: argparse.Namespace) -> tuple[str, str, Transform]:
         _refuse(args, f"give 6 or 7 numbers and two frames, not {len(args.words)} arguments")
     *words, parent, child = args.words
     try:
-        numbers = [number()(word) for word in words]
+        types = [number()] * 3 + ([angle(bare=True)] * 3 if len(words) == 6 else [number()] * 4)
+        numbers = [parse(word.strip()) for parse, word in zip(types, words, strict=True)]
     except argparse.ArgumentTypeError as error:
         _refuse(args, str(error))
     if len(numbers) == 7:

@@ -8,7 +8,7 @@ from typing import Final
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import LIVE_TIMES, live_time, number
+from zenoh_tf.text.flag_values import LIVE_TIMES, angle, live_time, number
 from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_authority
@@ -17,6 +17,7 @@ from zenoh_tf_tools.errors import CommandError
 
 #: The authority of what people set by hand.
 AUTHORITY: Final = "zenoh-tf"
+_ANGLES: Final = ("roll", "pitch", "yaw")
 
 
 def add(commands: Commands) -> None:
@@ -63,9 +64,10 @@ def _add_set(commands: Commands) -> None:
         "set",
         _set,
         "store the pose of CHILD in PARENT",
-        "Store the pose of CHILD in PARENT: metres, and a quaternion (identity if left out). Waits "
-        "until the server has it.",
+        "Store the pose of CHILD in PARENT: metres, and a quaternion, or angles about the fixed "
+        "axes x, y and z (none: identity). Waits until the server has it.",
         "zenoh-tf set map table 2 0.5 0.7",
+        "zenoh-tf set map table 2 0.5 0.7 --yaw 90deg",
         "zenoh-tf set map cup 2 0.5 0.8 0 0 0.7071 0.7071 --stamp now",
     )
     # argparse itself would name the pose twice.
@@ -75,6 +77,10 @@ def _add_set(commands: Commands) -> None:
     set_.add_argument(
         "pose", metavar="X Y Z [QX QY QZ QW]", nargs="+", type=number(), help="3 or 7 numbers"
     )
+    for name in _ANGLES:
+        set_.add_argument(
+            f"--{name}", metavar="ANGLE", type=angle(), help=f"{name}, as in 90deg or 1.57rad"
+        )
     set_.add_argument("--static", action="store_true", help="the pose holds at all times")
     set_.add_argument("--stamp", metavar="TIME", type=live_time, help=f"{LIVE_TIMES} (default now)")
     add_authority(set_, AUTHORITY)
@@ -83,8 +89,16 @@ def _add_set(commands: Commands) -> None:
 def _set(args: argparse.Namespace) -> int:
     if len(args.pose) not in (3, 7):
         args.usage_error(f"a pose is 3 or 7 numbers, not {len(args.pose)}")
+    angles = args.roll, args.pitch, args.yaw
     stamp_ns = time.time_ns() if args.stamp is None else args.stamp
-    pose = Transform(args.pose[:3], args.pose[3:] or (0.0, 0.0, 0.0, 1.0))
+    if len(args.pose) == 3:
+        pose = Transform.from_rpy(
+            args.roll or 0.0, args.pitch or 0.0, args.yaw or 0.0, translation=args.pose
+        )
+    elif any(each is not None for each in angles):
+        args.usage_error("give angles or a quaternion, not both")
+    else:
+        pose = Transform(args.pose[:3], args.pose[3:])
     return store(
         args, StampedTransform(args.parent, args.child, stamp_ns, pose), static=args.static
     )
