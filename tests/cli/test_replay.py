@@ -346,3 +346,40 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
     assert out == ""
     said = "zenoh-tf: the server was restarted" if restarted else "zenoh-tf: ServerUnavailable: "
     assert err.startswith(said)
+
+
+def test_a_loop_survives_the_server(start_server: Any, tmp_path: Path) -> None:
+    """It continues where it was, with its static links, and says so once."""
+    log: Log = [
+        (0.0, "/tf_static", [("b", "camera", 0.0, 1.0)]),
+        *[(i / 20, "/tf", [("a", "b", 1.0 + i / 20, float(i))]) for i in range(20_000)],
+    ]
+    path = write(tmp_path / "log", log)
+    server = start_server()
+    options = ("--connect", server.endpoint, "--timeout", "1s", "replay", str(path), "--loop")
+    with forks.Popen(
+        [sys.executable, "-m", "zenoh_tf_tools", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+
+        def wait_for_answers() -> int:
+            with server.connect() as tf:
+                while not tf.can_transform("a", "camera"):
+                    assert process.poll() is None, process.communicate()
+                    time.sleep(0.05)
+                stamp_ns = tf.lookup_transform("a", "b").stamp_ns
+                while tf.lookup_transform("a", "b").stamp_ns == stamp_ns:
+                    time.sleep(0.05)
+                return stamp_ns
+
+        first_ns = wait_for_answers()
+        server.kill()
+        server = start_server(endpoint=server.endpoint)
+        assert process.stderr is not None
+        said = process.stderr.readline()
+        assert wait_for_answers() > first_ns
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    assert (out, err) == ("", "interrupted\n")
+    assert said.endswith(("(waiting)\n", "the server was restarted; replay continues\n"))

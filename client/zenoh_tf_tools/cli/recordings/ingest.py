@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
-from zenoh_tf import AuthorityInfo, LookupException, StampedTransform
+from zenoh_tf import AuthorityInfo, LookupException, ServerUnavailable, StampedTransform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.records import frame_infos
 from zenoh_tf_tools.errors import CommandError
@@ -15,7 +15,15 @@ from zenoh_tf_tools.errors import CommandError
 #: Transforms in one put. A put is one commit, so this also bounds the time of a commit.
 _BATCH: Final = 500
 _POLL_S: Final = 0.005
+#: How often a feed that may continue with another server asks whether it has to.
+_CHECK_S: Final = 1.0
+#: Pause before the next attempt to find a server.
+_RETRY_S: Final = 0.2
 _NOTHING: Final = AuthorityInfo("", 0, 0, 0, 0, 0, 0)
+
+
+class ServerWasRestarted(CommandError):
+    """The server is another one than at the begin, so it lacks what was sent before."""
 
 
 class Feed:
@@ -26,8 +34,19 @@ class Feed:
     server's counters of the authority, so nobody else should publish as that authority.
     """
 
-    def __init__(self, tf: TransformClient, authority: str, patience_s: float) -> None:
+    def __init__(
+        self,
+        tf: TransformClient,
+        authority: str,
+        patience_s: float,
+        on_lost: Callable[[ServerUnavailable | ServerWasRestarted], None] | None = None,
+    ) -> None:
+        """`on_lost`: called with the reason when the server ends or was restarted, in place of an
+        error. Then the feed waits for a server, and continues; the counters begin again. The
+        broadcaster sends its static links to the new server."""
         self._tf = tf
+        self._on_lost = on_lost
+        self._check_at_s = time.monotonic() + _CHECK_S
         self._authority = authority
         self._broadcaster = tf.broadcaster(authority)
         self._patience_s = patience_s
@@ -36,10 +55,10 @@ class Feed:
         self._static = False
         self._last: list[StampedTransform] = []
         self._sent_samples: Counter[str] = Counter()  # by child frame, without static links
-        self._before = self._counted()
-        self._instance = tf.instance
         self.transforms = 0
         self.dropped_as_too_old = 0
+        self._instance = tf.instance
+        self._before = self._counted()
 
     def add(self, transforms: Iterable[StampedTransform], *, static: bool) -> None:
         """Queue transforms, and send them when there are enough for a put."""
@@ -68,6 +87,12 @@ class Feed:
         self.transforms += len(self._rows)
         self._last, self._rows = self._rows, []
         self._parents = {}
+        if self._on_lost is not None and time.monotonic() >= self._check_at_s:
+            try:
+                self._counted()
+            except (ServerUnavailable, ServerWasRestarted) as error:
+                self._continue(error)
+            self._check_at_s = time.monotonic() + _CHECK_S
 
     def finish(self) -> None:
         """Send the rest and wait until the server has ingested everything.
@@ -76,11 +101,15 @@ class Feed:
             CommandError: The server refused some of it, was restarted, or makes no progress.
         """
         self.flush()
+        try:
+            self._wait_until_ingested()
+        except (ServerUnavailable, ServerWasRestarted) as error:
+            self._continue(error)
+
+    def _wait_until_ingested(self) -> None:
         ingested_before, give_up_s = -1, 0.0
         while True:
             counted = self._counted()
-            if self._tf.instance != self._instance:
-                raise CommandError("the server was restarted; what it had before is lost")
             refused = max(0, counted.refused - self._before.refused)
             dropped = counted.dropped - self._before.dropped
             ingested = counted.stored - self._before.stored + dropped + refused
@@ -101,6 +130,22 @@ class Feed:
                     f"in the last {self._patience_s:g} s; try a longer --timeout"
                 )
             time.sleep(_POLL_S)
+
+    def _continue(self, lost: ServerUnavailable | ServerWasRestarted) -> None:
+        """Wait for a server, and count from here on; raises `lost` if nobody wants that."""
+        if self._on_lost is None:
+            raise lost
+        self._on_lost(lost)
+        while True:
+            try:
+                self._tf.stats()
+                self._instance = self._tf.instance
+                self._before = self._counted()
+                break
+            except (ServerUnavailable, ServerWasRestarted):
+                time.sleep(_RETRY_S)
+        self.transforms = 0
+        self._sent_samples.clear()
 
     def no_longer_kept(self) -> int:
         """Transforms that the server stored, and whose samples have left its cache since. Call it
@@ -132,8 +177,11 @@ class Feed:
         return True
 
     def _counted(self) -> AuthorityInfo:
-        """The server's counters of this authority."""
-        for authority in self._tf.authorities():
+        """The server's counters of this authority. Raises ServerWasRestarted."""
+        authorities = self._tf.authorities()
+        if self._tf.instance != self._instance:
+            raise ServerWasRestarted("the server was restarted; what it had before is lost")
+        for authority in authorities:
             if authority.name == self._authority:
                 return authority
         return _NOTHING

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import functools
+import sys
 import time
 from collections.abc import Iterator
 
-from zenoh_tf import StampedTransform, Transform, TransformTree
+from zenoh_tf import ServerUnavailable, StampedTransform, Transform, TransformTree
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import Recording, load
 from zenoh_tf.recordings.load import valid_commits
@@ -15,7 +17,7 @@ from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
-from zenoh_tf_tools.cli.recordings.ingest import Feed
+from zenoh_tf_tools.cli.recordings.ingest import Feed, ServerWasRestarted
 from zenoh_tf_tools.cli.recordings.playback import Playback
 
 
@@ -42,7 +44,8 @@ def add(commands: Commands) -> None:
     replay.add_argument(
         "--loop",
         action="store_true",
-        help="start over at the end, until Ctrl-C; the stamps of each turn follow the last turn's",
+        help="start over at the end, until Ctrl-C; the stamps of each turn follow the last turn's. "
+        "Continues with a server that was restarted",
     )
     recorded.add_range(
         replay,
@@ -71,7 +74,8 @@ def _replay(args: argparse.Namespace) -> int:
     with recorded.opened(args) as recording:
         _choose_part(args, recording, playback)
         with connect(args) as tf:
-            feed = Feed(tf, args.authority, patience_s=args.timeout)
+            on_lost = functools.partial(_report_lost, args) if args.loop else None
+            feed = Feed(tf, args.authority, args.timeout, on_lost)
             number, topics = _play(recording, playback, feed)
             while args.loop:
                 _play(recording, playback, feed)
@@ -147,6 +151,13 @@ def _play(recording: Recording, playback: Playback, feed: Feed) -> tuple[int, li
             progress.to(number, note=f"{feed.transforms:,} transforms")
         feed.finish()
     return number, sorted(topics)
+
+
+def _report_lost(args: argparse.Namespace, error: ServerUnavailable | ServerWasRestarted) -> None:
+    if isinstance(error, ServerUnavailable):
+        output.report_waiting(error, args.json)
+    else:
+        print("zenoh-tf: the server was restarted; replay continues", file=sys.stderr, flush=True)
 
 
 def _stampeds(rows: TransformRows) -> Iterator[StampedTransform]:
