@@ -155,6 +155,10 @@ AMBIGUOUS = "is ambiguous: {0} seconds or {0} milliseconds"
         ("replay file --clock later", "invalid choice"),
         # The server does not count for it, so replay could not know what became of its transforms.
         ("replay file --authority ''", "the name is empty"),
+        ("record", "the following arguments are required: OUT"),
+        ("record out --format bag", "invalid choice: 'bag'"),
+        ("record out --repair file --for 1s", "--repair cannot be combined with --format or --for"),
+        ("record out --repair file --format ros2", "--repair cannot be combined with"),
         ("query file odom", "give both TARGET and SOURCE, or neither"),
         ("query file odom base --start 1s", "--start and --end belong to --every"),
         ("query file odom base --every 20", AMBIGUOUS.format(20)),

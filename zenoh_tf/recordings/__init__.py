@@ -6,6 +6,8 @@ Needs the libraries of ``pip install 'zenoh-tf[recordings]'``. A recording has o
 
     mcap_file.py, bag_file.py -> decoders.py -> recording.py -> load.py
     raw messages of a container  their rows                     a tree
+
+`writer.py` makes a file, and `repair.py` one from a damaged file.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from .container import Channel, RawMessage, channel
 from .errors import missing_library
 
 #: Larger records count as damage: a recorder closes a chunk after some MB.
-_MAX_RECORD_BYTES: Final = 1 << 30
+MAX_RECORD_BYTES: Final = 1 << 30
 #: Messages outside of chunks that are put in order together.
 _UNCHUNKED: Final = 10_000
 
@@ -124,7 +124,7 @@ class McapFile:
         from mcap.stream_reader import StreamReader  # noqa: PLC0415
 
         self._stream.seek(0)
-        reader = StreamReader(self._stream, emit_chunks=True, record_size_limit=_MAX_RECORD_BYTES)
+        reader = StreamReader(self._stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
         records = reader.records
         loose: list[RawMessage] = []  # outside of chunks
         while True:
