@@ -17,7 +17,10 @@ from tests.processes import forks
 from tests.support.command_line import Run
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
+from zenoh_tf_client.session.mapped_tree import COUNTERS
+from zenoh_tf_server.monitoring.metric_table import FROM_ROBOTS, FROM_STATS
 from zenoh_tf_tools.cli.main import _parser
+from zenoh_tf_tools.cli.tree.inspect import _meaning
 
 from .conftest import document, refusal, succeeds
 
@@ -234,7 +237,19 @@ def test_frames_in_colour_on_a_terminal(server: Any, in_terminal: Callable[..., 
 def test_stats_count(run: Run) -> None:
     counters = document(run("stats", "--json"))
     assert counters["frames"] == 3
-    assert "frames" in succeeds(run("stats"))
+    lines = succeeds(run("stats")).splitlines()
+    # Each counter, its value, and what it counts.
+    assert [line.split()[0] for line in lines] == sorted(counters)
+    for line in lines:
+        assert re.fullmatch(r"\w+ +[\d,]+  \w.*\w.*", line)
+
+
+def test_every_counter_has_a_meaning() -> None:
+    robots = [f"{name}/arm" for name in FROM_ROBOTS]
+    for name in (*FROM_STATS, *robots, *COUNTERS):
+        assert len(_meaning(name).split()) >= 2, name
+        assert "these" not in _meaning(name), name  # each stands alone
+    assert _meaning("of_a_newer_server") == ""
 
 
 @pytest.mark.usefixtures("chain")

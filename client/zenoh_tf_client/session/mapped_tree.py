@@ -44,16 +44,36 @@ _MAX_RETRY_S: Final = 30.0
 #: A tree whose lease has lapsed for so long is unmapped: its server has probably ended.
 _LAPSED_S: Final = 3.0
 
-#: Why no tree is mapped; `stats` counts the attempts that ended so.
-REASONS: Final = (
-    "not_chosen",  # reads="query"
-    "not_offered",  # by the server
-    "other_host",
-    "no_permission",
-    "not_trusted",
-    "other_layout",
-    "failed",  # may succeed later
-)
+#: Why no tree is mapped, and what it means; `stats` counts the attempts that ended so.
+REASONS: Final = {
+    "not_chosen": 'the client wants queries only (reads="query"), or has several endpoints',
+    "not_offered": "the server does not share its memory",
+    "other_host": "the server is on another host",
+    "no_permission": "this user may not open the server's socket",
+    "not_trusted": "another user could replace the server's socket",
+    "other_layout": "the server has another version of zenoh-tf",
+    "failed": "an attempt failed, and may succeed later",
+}
+_ASKED: Final = {
+    AskServer.BUSY: "writers changed the links too often while they were read",
+    AskServer.LAPSED: "the server has stopped or ended",
+    AskServer.WAITING: "they wait for a transform",
+    AskServer.UNREADABLE: "what the memory has could not be read",
+    AskServer.ABSENT: "no memory was mapped",
+}
+#: What each counter of `MappedTree.stats` says.
+COUNTERS: Final = {
+    "reads_shared": "of this client: 1 if lookups read the server's memory now",
+    "reads_mapped": "of this client: how often the server's memory was mapped",
+    **{
+        f"reads_asked_{why.name.lower()}": f"lookups of this client that asked the server: {text}"
+        for why, text in _ASKED.items()
+    },
+    **{
+        f"reads_refused_{why}": f"times that this client did not map the memory: {text}"
+        for why, text in REASONS.items()
+    },
+}
 
 log = logging.getLogger("zenoh_tf.client")
 

@@ -81,7 +81,8 @@ FROM_STATS: Final[dict[str, Metric]] = {
         "puts_dropped", "published messages dropped because too many of an authority were waiting"
     ),
     "dropped_as_stale": _counter(
-        "puts_dropped_as_stale", "those of them that had waited for too long (`put_wait_ms`)"
+        "puts_dropped_as_stale",
+        "published messages dropped because they had waited for too long (`put_wait_ms`)",
     ),
     "replica_age_s": _gauge(
         "replica_age_seconds", "of a replica: how old the state that it serves may be"
@@ -98,7 +99,9 @@ FROM_STATS: Final[dict[str, Metric]] = {
         "messages",
     ),
     "stream_messages": _counter("stream_messages", "messages published for mirrors"),
-    "stream_message_bytes": _counter("stream_message_bytes", "bytes of these messages"),
+    "stream_message_bytes": _counter(
+        "stream_message_bytes", "bytes of the messages published for mirrors"
+    ),
     "stream_gaps": _counter(
         "stream_gaps", "times that changes were left out of the stream, as too many were waiting"
     ),
@@ -106,9 +109,15 @@ FROM_STATS: Final[dict[str, Metric]] = {
         "stream_kept_bytes", "bytes of published messages, kept for mirrors that missed some"
     ),
     "interests": _gauge("interests", "interests of mirrors that do not want all frames"),
-    "interest_frames": _gauge("interest_frames", "frames of these, summed over all interests"),
-    "interest_messages": _counter("interest_messages", "messages published for these mirrors"),
-    "interest_message_bytes": _counter("interest_message_bytes", "bytes of these messages"),
+    "interest_frames": _gauge(
+        "interest_frames", "frames in interests of mirrors, summed over all interests"
+    ),
+    "interest_messages": _counter(
+        "interest_messages", "messages published for mirrors that do not want all frames"
+    ),
+    "interest_message_bytes": _counter(
+        "interest_message_bytes", "bytes of the messages for mirrors that do not want all frames"
+    ),
     "change_log_bytes": _gauge("change_log_bytes", "bytes of changes that wait to be published"),
     "ros2_messages": _counter("ros2_messages", "messages of ROS 2 that were received (`--ros2`)"),
     "ros2_bad_keys": _counter("ros2_bad_keys", "messages dropped as their key is not of ROS 2"),
@@ -136,7 +145,7 @@ FROM_STATS: Final[dict[str, Metric]] = {
         "ros2_published_messages", "messages published on ROS 2 (`--ros2-publish`)"
     ),
     "ros2_published_transforms": _counter(
-        "ros2_published_transforms", "transforms in these messages"
+        "ros2_published_transforms", "transforms in messages published on ROS 2 (`--ros2-publish`)"
     ),
     "puts": _counter("puts", "published messages that were committed"),
     "put_transforms": _counter("put_transforms", "transforms stored from published messages"),

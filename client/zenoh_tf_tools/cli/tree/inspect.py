@@ -7,6 +7,8 @@ from dataclasses import asdict, fields
 
 from zenoh_tf import AuthorityInfo, FrameInfo, export
 from zenoh_tf.text import printable
+from zenoh_tf_client.session.mapped_tree import COUNTERS
+from zenoh_tf_server.monitoring.metric_table import FROM_ROBOTS, FROM_STATS
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
@@ -62,8 +64,9 @@ def add(commands: Commands) -> None:
     commands.add(
         "stats",
         _stats,
-        "print the server's counters",
-        "Print the counters of the server and of its tree.",
+        "print the server's counters, and what they count",
+        "Print the counters of the server, of its tree and of this client's reads, and what each "
+        "counts.",
         "zenoh-tf stats --json",
     )
 
@@ -167,10 +170,22 @@ def _clients(args: argparse.Namespace) -> int:
     return 0
 
 
+def _meaning(counter: str) -> str:
+    """What a counter counts; nothing for one of a newer server."""
+    if counter in COUNTERS:
+        return COUNTERS[counter]
+    kind, _, robot = counter.partition("/")
+    metric = FROM_ROBOTS.get(kind) if robot else FROM_STATS.get(counter)
+    return "" if metric is None else metric.meaning
+
+
 def _stats(args: argparse.Namespace) -> int:
     with connect(args) as tf:
         counters = tf.stats()
     width = max(map(len, counters), default=0)
-    lines = [f"{name:<{width}}  {value:>14,}" for name, value in sorted(counters.items())]
+    lines = [
+        f"{name:<{width}}  {value:>14,}  {_meaning(name)}".rstrip()
+        for name, value in sorted(counters.items())
+    ]
     output.show(args, counters, "\n".join(lines))
     return 0
