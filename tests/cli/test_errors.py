@@ -133,7 +133,7 @@ AMBIGUOUS = "is ambiguous: {0} seconds or {0} milliseconds"
         ("frames --dot --mermaid", "not allowed with"),
         ("frames --dot --json", "--json cannot be combined with --dot or --mermaid"),
         ("--json frames --mermaid", "--json cannot be combined with --dot or --mermaid"),
-        ("frame", "the following arguments are required: NAME"),
+        ("frame", "the following arguments are required: FRAME"),
         ("echo a", "the following arguments are required: SOURCE"),
         ("echo a b --rate 0", "'0' is not a number above 0"),
         ("echo a b --count 0", "'0' is not a whole number from 1"),

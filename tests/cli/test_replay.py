@@ -368,7 +368,7 @@ def test_a_loop_survives_the_server(start_server: Any, tmp_path: Path) -> None:
                 while not tf.can_transform("a", "camera"):
                     assert process.poll() is None, process.communicate()
                     time.sleep(0.05)
-                stamp_ns = tf.lookup_transform("a", "b").stamp_ns
+                stamp_ns: int = tf.lookup_transform("a", "b").stamp_ns
                 while tf.lookup_transform("a", "b").stamp_ns == stamp_ns:
                     time.sleep(0.05)
                 return stamp_ns

@@ -1,11 +1,8 @@
-"""``zenoh-tf static``: tf2's forms of arguments, and ``completion``."""
+"""``zenoh-tf static``: tf2's forms of arguments."""
 
 from __future__ import annotations
 
 import math
-import shutil
-import subprocess
-import sys
 
 import pytest
 
@@ -82,33 +79,3 @@ def test_what_the_server_refuses(robot: TransformClient, command: Run) -> None:
     assert ended.returncode == 1
     assert "quaternion" in ended.stderr
     assert "cycle" in command("static", *["0", "0", "0", "0", "0", "0", "base_link", "map"]).stderr
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_completion_in_bash(command: Run) -> None:
-    pytest.importorskip("shtab")
-    script = command("completion", "bash").stdout
-    complete = (
-        'COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); '
-        '_shtab_zenoh_tf zenoh-tf "${@: -1}" ""; echo "${COMPREPLY[@]}"'
-    )
-
-    def completed(*words: str) -> list[str]:
-        done = subprocess.run(
-            ["bash", "-c", f"{script}\n{complete}", "bash", "zenoh-tf", *words],
-            capture_output=True,
-            text=True,
-            timeout=20,
-            check=True,
-        )
-        return done.stdout.split()
-
-    assert completed("exp") == ["explain"]
-    assert "--ignore" in completed("doctor", "--")
-
-
-def test_completion_without_its_library(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "shtab", None)
-    ended = command("completion", "zsh")
-    assert (ended.returncode, ended.stdout) == (1, "")
-    assert "pip install 'zenoh-tf[completion]'" in ended.stderr

@@ -40,7 +40,7 @@ def add(commands: Commands) -> None:
         "Print everything that is known about a frame and its link to its parent.",
         "zenoh-tf frame gripper",
     )
-    frame.add_argument("name", metavar="NAME")
+    frame.add_argument("name", metavar="FRAME")
     commands.add(
         "authorities",
         _authorities,
