@@ -19,9 +19,12 @@ from tests.recordings.files import write
 from tests.support.command_line import call, documented
 from tests.support.threads import beside
 from zenoh_tf import LookupException, StampedTransform, Transform
+from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import open_recording
+from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
+from zenoh_tf_tools.plotting.lookups import follow, replayed
+from zenoh_tf_tools.plotting.pair import PairHistory, pose_error
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
@@ -30,13 +33,15 @@ S = 10**9
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """map -> base_link from 1 s to 6 s and from 8 s to 9 s, base_link -> wheel from 2 s to 9 s."""
+    """map -> base_link from 1 s to 6 s and from 8 s to 9 s, base_link -> wheel from 2 s to 9 s;
+    map -> truth as base_link."""
     base = [(i / 10, "/tf", [("map", "base_link", 1 + i / 10, i / 10)]) for i in range(51)]
     again = [(i / 10, "/tf", [("map", "base_link", 1 + i / 10, i / 10)]) for i in range(70, 81)]
     wheel = [(9.0, "/tf", [("base_link", "wheel", 2 + i / 10, 1.0)]) for i in range(71)]
     static = [(0.0, "/tf_static", [("base_link", "camera", 0.0, 1.0)])]
     folder = tmp_path_factory.mktemp("recording")
-    path = write(folder / "run", [*static, *base, *again, *wheel])
+    truth = [(i / 10, "/tf", [("map", "truth", 1 + i / 10, i / 10)]) for i in range(81)]
+    path = write(folder / "run", [*static, *base, *again, *wheel, *truth])
     return path.rename(folder / "run.mcap")
 
 
@@ -59,9 +64,11 @@ def published(server: ServerProcess) -> Iterator[TransformClient]:
         tf.clear(keep_static=False)
 
 
-def replay(path: Path, target: str, source: str) -> PairHistory:
+def replay(path: Path, target: str, source: str, **options: Any) -> PairHistory:
     with open_recording(path) as recording:
-        return replayed(RecordedSource(recording), target, source)
+        tree = RecordedSource(recording)
+    (history,) = replayed(tree, [(target, source)], tree.range_ns, **options)
+    return history
 
 
 def at(history: PairHistory, second: float) -> int:
@@ -94,12 +101,16 @@ def test_times_without_an_answer(recording: Path) -> None:
 
 def test_a_live_pair(published: TransformClient) -> None:
     with published.mirror() as mirror:
-        history = follow(mirror, "map", "stopped", 0.2)
+        pairs = [("map", "stopped"), ("map", "base_link")]
+        history, moving = follow(mirror, pairs, 0.2, velocity=True)
+        assert moving.velocities is not None
+        assert np.nanmax(np.abs(moving.velocities)) == 0
+        np.testing.assert_array_equal(moving.stamps_ns, history.stamps_ns)
         assert history.answered.all()
         np.testing.assert_allclose(history.poses[:, :3], [[0, 3, 0]] * len(history.poses))
         assert 5 <= history.ages_s.min() <= history.ages_s.max() < 60
         assert np.all(np.diff(history.times_s) > 0)
-        unknown = follow(mirror, "map", "nowhere", 0.0)
+        (unknown,) = follow(mirror, [("map", "nowhere")], 0.0)
         assert len(unknown.times_s) == 1
         assert isinstance(unknown.error, LookupException)
 
@@ -110,13 +121,61 @@ def test_figures_with_any_name(tmp_path: Path) -> None:
     nothing = np.full((3, 7), np.nan)
     poses = np.array([[1.0, 2, 3, 0, 0, 0, 1]] * 3)
     poses[1] = np.nan
-    times_s, ages_s = np.arange(3.0), np.array([0.0, np.nan, -1.0])
+    stamps_ns, ages_s = np.arange(3) * S, np.array([0.0, np.nan, -1.0])
     for rows, ages, target, source in (
         (poses, ages_s, "$x_{", "\\frac"),
         (nothing, nothing[:, 0], "a\u202eb", "x" * 500),
     ):
-        save(PairHistory(times_s, rows, ages, None), target, source, tmp_path / "plot.png")
-        assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+        pair = PairHistory(target, source, stamps_ns, rows, ages, rows[:, :6], None)
+        for pairs, error in (([pair], None), ([pair, pair], pose_error(pair, pair))):
+            save(pairs, tmp_path / "plot.png", error)
+            assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_last_sample_of_a_stamp_since_1970(tmp_path: Path) -> None:
+    """A double would be up to 256 ns beside it."""
+    first_ns, last_ns = 1_714_741_170_123_456_789, 1_714_741_190_987_654_321
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(path, "ros2", {})
+    for stamp_ns in (first_ns, last_ns):
+        row = ("map", "base_link", stamp_ns, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        writer.write(stamp_ns, False, TransformRows.of_tuples([row]))
+    writer.close()
+    history = replay(path, "map", "base_link")
+    assert history.answered.all()
+    assert (history.stamps_ns[0], history.stamps_ns[-1]) == (first_ns, last_ns)
+    assert np.all(np.diff(history.stamps_ns) > 0)
+
+
+def test_velocities(recording: Path) -> None:
+    history = replay(recording, "map", "base_link", velocity=True)
+    assert history.velocities is not None
+    row = history.velocities[at(history, 2.0)]
+    np.testing.assert_allclose(row, [1, 0, 0, 0, 0, 0], atol=1e-6)
+    # The window of the first time begins before the first sample.
+    assert np.isnan(history.velocities[0]).all()
+
+
+def test_the_error_of_a_pair() -> None:
+    turns = [Transform((0, 0, z), Transform.from_rpy(0, 0, z).rotation) for z in (0.0, 1e-9, 1.0)]
+    moved = [Transform((3, 4, 0)) @ turn for turn in turns]
+    flipped = [Transform(pose.translation, -pose.rotation) for pose in turns]
+
+    def history(poses: list[Transform]) -> PairHistory:
+        rows = np.array([[*pose.pose()] for pose in poses])
+        return PairHistory("a", "b", np.arange(3), rows, rows[:, 0], None, None)
+
+    still = history([Transform()] * 3)
+    error = pose_error(history(moved), history(turns))
+    np.testing.assert_allclose(error.distances_m, 5)
+    np.testing.assert_allclose(error.angles_rad, 0, atol=1e-12)
+    # The same rotation may have either sign; small angles are kept.
+    for poses in (turns, flipped):
+        for pair in ((history(poses), still), (still, history(poses))):
+            np.testing.assert_allclose(pose_error(*pair).angles_rad, [0, 1e-9, 1], rtol=1e-6)
+    nothing = history(turns)
+    nothing.poses[1] = np.nan
+    assert np.isnan(pose_error(nothing, still).distances_m).tolist() == [False, True, False]
 
 
 def test_angles_do_not_jump() -> None:
@@ -143,11 +202,39 @@ def test_what_it_prints(recording: Path, tmp_path: Path, capsys: Any) -> None:
     assert (document["failed"], document["median_age_s"]) == (0, None)
 
 
+def test_two_pairs_and_their_error(recording: Path, tmp_path: Path, capsys: Any) -> None:
+    out = str(tmp_path / "x.svg")
+    args = ("plot", "map", "base_link", str(recording), "--pair", "map", "camera", "--out", out)
+    done = call(capsys, *args, "--error", "--start", "+1s", "--end", "5s")
+    first, second, third = done.stdout.splitlines()
+    assert first.startswith(f"{out}: 2,000 lookups over 3.0 s, age ")
+    assert second.startswith("camera in map: age ")
+    assert third == "error: 1 m (median), 1 m at most; 0 deg (median), 0 deg at most"
+    drawn = (tmp_path / "x.svg").read_text()
+    for text in ("base_link in map", "camera in map", "error [m]", "time [s] since 2.000000000 s"):
+        assert f"<!-- {text} -->" in drawn
+    assert "<!-- velocity [m/s] -->" not in drawn
+    document = json.loads(call(capsys, *args, "--velocity", "--error", "--json").stdout)
+    assert document["pair"]["source"] == "camera"
+    assert (document["greatest_error_m"], document["greatest_error_deg"]) == (1.0, 0.0)
+    assert "<!-- velocity [m/s] -->" in (tmp_path / "x.svg").read_text()
+    done = call(capsys, *args, "--error", "--end", "+0s")
+    assert "1 lookups over 0.0 s" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
         (("--out", "x.gif"), 2, "'x.gif' does not end with one of .png, .svg, .pdf"),
         (("--for", "3601s"), 2, "'3601s' is not a duration of at least 0 s and at most 3,600 s"),
+        (("--pair", "map"), 2, "argument --pair: expected 2 arguments"),
+        (("--pair", *"ab", "--pair", *"cd"), 2, "--pair can be given once"),
+        (("--error",), 2, "--error compares two pairs: give the other one by --pair"),
+        (("--for", "1s"), 2, "--for follows a server; of FILE choose times by --start and --end"),
+        (("--start", "1"), 2, "'1' is ambiguous: 1 s after the recording's first stamp, or the"),
+        (("--end", "now"), 2, "'now' is not a time; give +10s"),
+        (("--start", "20s"), 1, "--start 20s is the stamp 20.000000000 s, but the recording is"),
+        (("--start", "+3s", "--end", "+2s"), 1, "--end (3.000000000 s) is before 4.000000000 s"),
         (("--out", "/nowhere/x.png"), 1, "/nowhere/x.png: there is no folder /nowhere"),
         (("--out", "/proc/x.png"), 1, "/proc/x.png: "),
         (("nowhere.mcap",), 1, "nowhere.mcap: no such file"),
@@ -160,6 +247,12 @@ def test_wrong_arguments(
     done = call(capsys, "plot", "map", "wheel", *file, *args)
     assert (done.returncode, done.stdout) == (code, "")
     assert message in done.stderr
+
+
+def test_times_belong_to_a_recording(capsys: Any) -> None:
+    done = call(capsys, "plot", "map", "wheel", "--start", "+1s")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "--start and --end choose times of a recording: give its FILE" in done.stderr
 
 
 def test_a_pair_that_never_has_an_answer(recording: Path, tmp_path: Path, capsys: Any) -> None:

@@ -55,7 +55,8 @@ def add(commands: Commands, whole: Callable[[], argparse.ArgumentParser]) -> Non
             names = action.metavar if isinstance(action.metavar, tuple) else (action.metavar,)
             if _FRAMES.intersection(names):
                 action.complete = _COMPLETE  # type: ignore[attr-defined]
-        print(shtab.complete(parser, args.shell, preamble={"bash": _BASH, "zsh": _ZSH}))
+        preamble: Any = {"bash": _BASH, "zsh": _ZSH}  # its type says text
+        print(shtab.complete(parser, args.shell, preamble=preamble))
         return 0
 
     completion = commands.add(

@@ -1,75 +1,150 @@
-"""Draws a pair's history with matplotlib."""
+"""Draws the histories of pairs with matplotlib: panels over one axis of time."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from zenoh_tf.text import cut, printable
-from zenoh_tf_tools.plotting.pair import PairHistory
+from zenoh_tf.text.times import seconds
+from zenoh_tf_tools.plotting.pair import PairHistory, PoseError
 
 #: Labels, and the colours of the axes of a frame.
-_AXES = (("x", "#d62728"), ("y", "#2ca02c"), ("z", "#1f77b4"))
-_ANGLES = (("roll", "#d62728"), ("pitch", "#2ca02c"), ("yaw", "#1f77b4"))
+_AXES: Final = (("x", "#d62728"), ("y", "#2ca02c"), ("z", "#1f77b4"))
+_ANGLES: Final = (("roll", "#d62728"), ("pitch", "#2ca02c"), ("yaw", "#1f77b4"))
+_GREY: Final = "#444444"
+_RED: Final = "#d62728"
+#: Lines of the first pair and of the second one.
+_STYLES: Final[tuple[Any, ...]] = ("-", (0, (4, 2)))
+#: Inches of a panel, of the figure's width, and of what is around the panels.
+_TALL, _LOW, _WIDTH, _AROUND = 2.2, 1.5, 10.0, 1.2
 
 
-def save(history: PairHistory, target: str, source: str, path: Path) -> None:
-    """Write a figure of position, rotation and age over time.
+def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None = None) -> None:
+    """Write a figure: position, rotation, velocity if it is known, error, and age over time.
 
     Args:
-        history: What to draw.
-        target: The frame that the poses are in.
-        source: The frame whose poses they are.
+        histories: One pair or two, which were asked at the same times.
         path: The file; its suffix says the format.
+        error: That of the first pair, compared with the second; None if it is not to be drawn.
 
     Raises:
         OSError: The file cannot be written.
     """
+    panels = _Panels(histories)
+    panels.add("position [m]", _TALL, [h.poses[:, :3] for h in histories], _AXES)
+    angles = [np.degrees(_angles(h.poses[:, 3:])) for h in histories]
+    panels.add("rotation [deg]", _TALL, angles, _ANGLES)
+    velocities = [h.velocities for h in histories if h.velocities is not None]
+    if velocities:
+        panels.add("velocity [m/s]", _TALL, [v[:, :3] for v in velocities], _AXES)
+        panels.add("velocity [deg/s]", _TALL, [np.degrees(v[:, 3:]) for v in velocities], _AXES)
+    if error is not None:
+        panels.add("error [m]", _LOW, [error.distances_m], from_zero=True)
+        panels.add("error [deg]", _LOW, [np.degrees(error.angles_rad)], from_zero=True)
+    panels.add("age [s]", _LOW, [h.ages_s for h in histories], from_zero=True)
     # Names are no formulas, whatever characters they have.
     with mpl.rc_context({"text.usetex": False, "text.parse_math": False}):
-        figure = Figure(figsize=(9, 7), layout="constrained")
-        position, rotation, age = figure.subplots(3, sharex=True, height_ratios=(3, 3, 2))
-        figure.suptitle(f"{_name(source)} in {_name(target)}")
-        _lines(position, history.times_s, history.poses[:, :3], _AXES)
-        position.set_ylabel("position [m]")
-        _lines(rotation, history.times_s, np.degrees(_angles(history.poses[:, 3:])), _ANGLES)
-        rotation.set_ylabel("rotation [deg]")
-        age.plot(history.times_s, history.ages_s, color="#444444", linewidth=1)
-        age.set_ylabel("age [s]")
-        age.set_ylim(bottom=min(0.0, np.nanmin([0.0, *history.ages_s])))
-        age.set_xlabel("time [s]")
-        for axes in (position, rotation, age):
+        panels.draw().savefig(path, dpi=110)
+
+
+class _Panels:
+    """Panels below each other, each with the lines of all pairs."""
+
+    def __init__(self, histories: Sequence[PairHistory]) -> None:
+        self._histories = histories
+        self._panels: list[tuple[str, float, list[Any], tuple[tuple[str, str], ...], bool]] = []
+
+    def add(
+        self,
+        label: str,
+        inches: float,
+        columns: list[Any],
+        labels: tuple[tuple[str, str], ...] = (("", _GREY),),
+        *,
+        from_zero: bool = False,
+    ) -> None:
+        """Add a panel.
+
+        Args:
+            label: Of its axis, with the unit.
+            inches: Its height.
+            columns: For each pair (n, k) values, or (n,) with one label.
+            labels: k names and colours; a line without a name is not in the legend.
+            from_zero: Whether the axis has the 0.
+        """
+        self._panels.append((label, inches, columns, labels, from_zero))
+
+    def draw(self) -> Figure:
+        """The figure."""
+        heights = [inches for _, inches, *_ in self._panels]
+        figure = Figure(figsize=(_WIDTH, sum(heights) + _AROUND), layout="constrained")
+        grid = figure.subplots(len(heights), sharex=True, height_ratios=heights, squeeze=False)
+        for axes, (label, _, columns, labels, from_zero) in zip(
+            grid[:, 0], self._panels, strict=True
+        ):
+            for style, values in zip(_STYLES, columns, strict=False):
+                self._lines(axes, values, labels, style)
+            axes.set_ylabel(label)
             axes.grid(alpha=0.3)
-            _shade(axes, history)
-        figure.savefig(path, dpi=110)
+            axes.margins(x=0)
+            if from_zero:
+                axes.set_ylim(bottom=min(0.0, np.nanmin([0.0, *columns[0], *columns[-1]])))
+            self._shade(axes)
+        first_ns = int(self._histories[0].stamps_ns[0])
+        grid[-1, 0].set_xlabel(f"time [s] since {seconds(first_ns)} s")
+        figure.align_ylabels()
+        self._name(figure)
+        return figure
 
+    def _lines(
+        self, axes: Any, values: Any, labels: tuple[tuple[str, str], ...], style: Any
+    ) -> None:
+        rows = values.reshape(len(values), -1)
+        for column, (label, colour) in zip(rows.T, labels, strict=True):
+            # The legend has the colours once, whatever the number of pairs.
+            name = label if label and style == _STYLES[0] else None
+            times_s = self._histories[0].times_s
+            axes.plot(times_s, column, label=name, color=colour, linewidth=1, linestyle=style)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
-def _lines(axes: Any, times_s: Any, columns: Any, labels: tuple[tuple[str, str], ...]) -> None:
-    for column, (label, colour) in zip(columns.T, labels, strict=True):
-        axes.plot(times_s, column, label=label, color=colour, linewidth=1)
-    axes.legend(loc="upper left", ncols=3, fontsize="small")
+    def _shade(self, axes: Any) -> None:
+        """Shade the times at which a pair has no answer."""
+        for history in self._histories:
+            axes.fill_between(
+                history.times_s,
+                0,
+                1,
+                where=~history.answered,
+                transform=axes.get_xaxis_transform(),
+                color=_RED,
+                alpha=0.12,
+                linewidth=0,
+                step="mid",
+            )
 
-
-def _shade(axes: Any, history: PairHistory) -> None:
-    """Shade the times without an answer."""
-    if history.answered.all():
-        return
-    axes.fill_between(
-        history.times_s,
-        0,
-        1,
-        where=~history.answered,
-        transform=axes.get_xaxis_transform(),
-        color="#d62728",
-        alpha=0.12,
-        linewidth=0,
-        label="no answer",
-        step="mid",
-    )
+    def _name(self, figure: Figure) -> None:
+        """Say which pairs are drawn, and what red means, outside of the panels."""
+        names = [f"{_printed(h.source)} in {_printed(h.target)}" for h in self._histories]
+        if len(names) == 1:
+            figure.suptitle(names[0])
+        else:
+            lines = [
+                Line2D([], [], color=_GREY, linewidth=1, linestyle=style, label=name)
+                for style, name in zip(_STYLES, names, strict=True)
+            ]
+            figure.legend(handles=lines, loc="outside upper center", frameon=False)
+        if not all(history.answered.all() for history in self._histories):
+            red = Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer")
+            figure.legend(handles=[red], loc="outside lower right", frameon=False)
 
 
 def _angles(rotations: Any) -> Any:
@@ -84,5 +159,5 @@ def _angles(rotations: Any) -> Any:
     return angles
 
 
-def _name(text: str) -> str:
+def _printed(text: str) -> str:
     return cut(printable(text), 60)

@@ -1,26 +1,13 @@
-"""Pose and age of one pair of frames over time."""
+"""Pose, age and velocity of a pair of frames over time, and the error against another pair."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import TransformException
-from zenoh_tf_client.mirror.mirror import Mirror
-from zenoh_tf_tools.viewer.live import LiveSource
-from zenoh_tf_tools.viewer.recorded import RecordedSource
-from zenoh_tf_tools.viewer.source import ViewedTree
-
-_PERIOD_S: Final = 0.02
-#: Times at which a recording is asked.
-_TIMES: Final = 2_000
-_NO_POSE: Final = [float("nan")] * 7
 
 
 @dataclass(frozen=True)
@@ -28,18 +15,31 @@ class PairHistory:
     """What lookups of one pair answered, one row for each time.
 
     Attributes:
-        times_s: (n,) seconds since the first one.
+        target: The frame that the poses are in.
+        source: The frame whose poses they are.
+        stamps_ns: (n,) the times that were asked for; live, when was asked. Nanoseconds.
         poses: (n, 7) rows x, y, z in metres, qx, qy, qz, qw: `X_target_source`; NaN where a lookup
             had no answer.
         ages_s: (n,) how old the newest sample of the link was that had the oldest one, in seconds;
             NaN without an answer, and if all links are static.
+        velocities: (n, 6) linear in m/s and angular in rad/s, of the source as seen from the
+            target and in its axes; NaN without an answer. None if nobody asked.
         error: Why the last lookup without an answer had none; None if all had one.
     """
 
-    times_s: NDArray[np.float64]
+    target: str
+    source: str
+    stamps_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
     ages_s: NDArray[np.float64]
+    velocities: NDArray[np.float64] | None
     error: TransformException | None
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """(n,) seconds since the first time."""
+        since_first: NDArray[np.float64] = (self.stamps_ns - self.stamps_ns[0]) / 1e9
+        return since_first
 
     @property
     def answered(self) -> NDArray[np.bool_]:
@@ -47,82 +47,38 @@ class PairHistory:
         return ~np.isnan(self.poses[:, 0])
 
 
-def follow(mirror: Mirror, target: str, source: str, seconds: float) -> PairHistory:
-    """Look a pair up 50 times a second: the newest sample of each link.
+@dataclass(frozen=True)
+class PoseError:
+    """How far the poses of a pair are from those of a reference pair at the same times.
+
+    Attributes:
+        distances_m: (n,) between the positions; NaN where a pair had no answer.
+        angles_rad: (n,) of the rotation between the two orientations, from 0 to pi.
+    """
+
+    distances_m: NDArray[np.float64]
+    angles_rad: NDArray[np.float64]
+
+
+def pose_error(pair: PairHistory, reference: PairHistory) -> PoseError:
+    """Return the error of a pair against another one that was asked at the same times.
 
     Args:
-        mirror: The server's tree.
-        target: The frame to express the pose in.
-        source: The frame whose pose is asked for.
-        seconds: For how long.
+        pair: A pair, such as an estimate.
+        reference: What it is compared with, such as the truth.
     """
-    live = LiveSource(mirror)
-    times_s: list[float] = []
-    poses: list[list[float]] = []
-    ages_s: list[float] = []
-    failure: TransformException | None = None
-    start_s = time.monotonic()
-    clock_ns = 0
-    while (now_s := time.monotonic() - start_s) < seconds or not times_s:
-        pose, age_s = _NO_POSE, float("nan")
-        try:
-            pose = [*mirror.lookup_latest_transform(target, source).transform.pose()]
-            chain = mirror.chain(target, source)
-            links = [link for name in chain if (link := live.link(name, clock_ns))]
-            clock_ns = live.now_ns(links)
-            age_s = _age_s(live, chain, clock_ns)
-        except TransformException as error:
-            failure = error
-        times_s.append(now_s)
-        poses.append(pose)
-        ages_s.append(age_s)
-        time.sleep(max(0.0, start_s + len(times_s) * _PERIOD_S - time.monotonic()))
-    return _history(times_s, poses, ages_s, failure)
-
-
-def replayed(recording: RecordedSource, target: str, source: str) -> PairHistory:
-    """Look a pair up at times of a recording, from its first sample to its last.
-
-    Args:
-        recording: The recording.
-        target: The frame to express the pose in.
-        source: The frame whose pose is asked for.
-    """
-    first_ns, last_ns = recording.range_ns
-    stamps_ns = np.linspace(first_ns, last_ns, _TIMES if last_ns > first_ns else 1).astype(np.int64)
-    answers = recording.lookups.lookup_transforms(target, source, stamps_ns)
-    ages_s = []
-    failure: TransformException | None = None
-    for stamp_ns in stamps_ns.tolist():
-        age_s = float("nan")
-        try:
-            chain = recording.chain(target, source, stamp_ns)
-            age_s = _age_s(recording, chain, stamp_ns)
-        except TransformException as error:
-            failure = error
-        ages_s.append(age_s)
-    times_s = (stamps_ns - first_ns) / 1e9
-    return _history(times_s.tolist(), answers.poses.tolist(), ages_s, failure)
-
-
-def _age_s(source: ViewedTree, chain: Sequence[str], time_ns: int) -> float:
-    """The greatest age of the links between the frames of a chain; NaN if all are static."""
-    links = [source.link(name, time_ns) for name in chain]
-    ages = []
-    for a, b in pairwise(links):
-        if a is not None and b is not None:
-            link = a if a.parent == b.name else b
-            if link.age_s is not None:
-                ages.append(link.age_s)
-    return max(ages, default=float("nan"))
-
-
-def _history(
-    times_s: list[float],
-    poses: list[list[float]],
-    ages_s: list[float],
-    failure: TransformException | None,
-) -> PairHistory:
-    rows = np.array(poses).reshape(-1, 7)
-    ages = np.where(np.isnan(rows[:, 0]), np.nan, np.array(ages_s))
-    return PairHistory(np.array(times_s), rows, ages, failure)
+    offsets = pair.poses[:, :3] - reference.poses[:, :3]
+    x, y, z, w = (pair.poses[:, 3:] * (-1, -1, -1, 1)).T
+    rx, ry, rz, rw = reference.poses[:, 3:].T
+    # The product of the inverse and the reference; an arc cosine would lose small angles.
+    vector = np.stack(
+        [
+            w * rx + x * rw + y * rz - z * ry,
+            w * ry - x * rz + y * rw + z * rx,
+            w * rz + x * ry - y * rx + z * rw,
+        ],
+        axis=1,
+    )
+    scalar = w * rw - x * rx - y * ry - z * rz
+    angles = 2 * np.arctan2(np.linalg.norm(vector, axis=1), np.abs(scalar))
+    return PoseError(np.linalg.norm(offsets, axis=1), angles)

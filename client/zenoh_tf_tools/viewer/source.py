@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import TransformArray
+from zenoh_tf import TransformArray, Velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,10 @@ class Lookups(Protocol):
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
     ) -> TransformArray: ...
+
+    def lookup_velocity(
+        self, tracking_frame: str, observation_frame: str, stamp_ns: int | None = None
+    ) -> Velocity: ...
 
 
 class ViewedTree(Protocol):

@@ -1,22 +1,27 @@
-"""``zenoh-tf plot``: pose and age of a pair of frames over time, as a figure."""
+"""``zenoh-tf plot``: pose, velocity and age of pairs of frames over time, as a figure."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from zenoh_tf.text.flag_values import duration
+from zenoh_tf.text import printable
+from zenoh_tf.text.flag_values import RECORDED_TIMES, duration
 from zenoh_tf.text.times import age as age_text
-from zenoh_tf_tools.cli import output
+from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.show.view import recorded
+from zenoh_tf_tools.cli.show import view
 from zenoh_tf_tools.errors import CommandError, extra, keep_input
-from zenoh_tf_tools.plotting.pair import PairHistory, follow, replayed
+from zenoh_tf_tools.plotting.lookups import follow, replayed
+from zenoh_tf_tools.plotting.pair import PairHistory, PoseError, pose_error
 
+#: How long a server is followed.
+_FOLLOW_S: Final = 10.0
 _FORMATS: Final = (".png", ".svg", ".pdf")
 
 
@@ -24,24 +29,44 @@ def add(commands: Commands) -> None:
     plot = commands.add(
         "plot",
         _plot,
-        "draw pose and age of SOURCE in TARGET over time, as PNG",
+        "draw pose, velocity and age of SOURCE in TARGET over time, as PNG",
         "Draw the position and rotation of SOURCE in TARGET over time, and how old the newest "
         "sample of the oldest link was. From a server: for some seconds from now on, the newest "
-        "sample of each link. From a recording: all of it, interpolated. Times without an answer "
-        "are shaded red. Needs the library of zenoh-tf[plot], and for FILE those of "
-        "zenoh-tf[recordings].",
+        "sample of each link. From a recording: all of it, interpolated. A second pair is drawn "
+        "with dashed lines into the same panels. Times without an answer are shaded red. Needs the "
+        "library of zenoh-tf[plot], and for FILE those of zenoh-tf[recordings].",
         "zenoh-tf plot map base_link",
-        "zenoh-tf plot map base_link --for 1min --out base.png",
-        "zenoh-tf plot map base_link run.mcap",
+        "zenoh-tf plot map base_link --velocity --for 1min --out base.png",
+        "zenoh-tf plot map base_link run.mcap --start +2s --end -1s",
+        "zenoh-tf plot map base_link run.mcap --pair map truth --error",
     )
     add_frames(plot)
     add_optional_file(plot)
+    plot.add_argument(
+        "--pair",
+        nargs=2,
+        dest="pairs",
+        action="append",
+        metavar=("TARGET", "SOURCE"),
+        default=[],
+        help="also draw this pair",
+    )
+    plot.add_argument(
+        "--velocity",
+        action="store_true",
+        help="also draw the velocities of SOURCE as seen from TARGET, averaged over 100 ms",
+    )
+    plot.add_argument(
+        "--error",
+        action="store_true",
+        help="also draw how far TARGET SOURCE is from the pair of --pair, such as the true pose",
+    )
+    recorded.add_range(plot, f"{{0}} time of FILE that is drawn: {RECORDED_TIMES}")
     plot.add_argument(
         "--for",
         dest="follow_s",
         metavar="DURATION",
         type=duration(0.0, 3600.0),
-        default=10.0,
         help="how long to follow a server (default 10s, at most 1h)",
     )
     plot.add_argument(
@@ -54,51 +79,112 @@ def add(commands: Commands) -> None:
 
 
 def _plot(args: argparse.Namespace) -> int:
+    _check_usage(args)
     with extra("plot", "matplotlib"):
         from zenoh_tf_tools.plotting.figure import save  # noqa: PLC0415 - an optional extra
     if not args.out.parent.is_dir():
         raise CommandError(f"{args.out}: there is no folder {args.out.parent}")
     keep_input(args.file, args.out)
-    history = _history(args)
-    if not history.answered.any() and history.error is not None:
-        raise history.error
+    histories = _histories(args)
+    for history in histories:
+        if not history.answered.any() and history.error is not None:
+            raise history.error
+    found = pose_error(*histories) if args.error else None
     try:
-        save(history, args.target, args.source, args.out)
+        save(histories, args.out, found)
     except OSError as error:
         raise CommandError(f"{args.out}: {error.strerror or error}") from error
-    _report(args, history)
+    _report(args, histories, found)
     return 0
 
 
-def _history(args: argparse.Namespace) -> PairHistory:
+def _check_usage(args: argparse.Namespace) -> None:
+    if len(args.pairs) > 1:
+        args.usage_error("--pair can be given once: a figure has two pairs at most")
+    if args.error and not args.pairs:
+        args.usage_error("--error compares two pairs: give the other one by --pair")
+    if args.file is None and (args.start or args.end):
+        args.usage_error("--start and --end choose times of a recording: give its FILE")
+    if args.file is not None and args.follow_s is not None:
+        args.usage_error("--for follows a server; of FILE choose times by --start and --end")
+
+
+def _histories(args: argparse.Namespace) -> list[PairHistory]:
+    pairs = [(args.target, args.source), *((target, source) for target, source in args.pairs)]
     if args.file is not None:
-        return replayed(recorded(args), args.target, args.source)
+        source = view.recorded(args)
+        range_ns = recorded.chosen_range(args, source.range_ns, source.range_ns, inside=True)
+        return replayed(source, pairs, range_ns, velocity=args.velocity)
     with connect(args) as tf, tf.mirror() as mirror:
-        return follow(mirror, args.target, args.source, args.follow_s)
+        follow_s = _FOLLOW_S if args.follow_s is None else args.follow_s
+        return follow(mirror, pairs, follow_s, velocity=args.velocity)
 
 
-def _report(args: argparse.Namespace, history: PairHistory) -> None:
-    ages_s = history.ages_s[~np.isnan(history.ages_s)]
-    lookups, failed = len(history.times_s), int(np.count_nonzero(~history.answered))
-    seconds = float(history.times_s[-1])
-    median_s = greatest_s = None
-    age = "all links are static"
-    if len(ages_s):
-        median_s, greatest_s = float(np.median(ages_s)), float(ages_s.max())
-        median, greatest = (age_text(int(each * 1e9)) for each in (median_s, greatest_s))
-        age = f"age {median} (median), {greatest} at most"
-    text = f"{args.out}: {lookups:,} lookups over {seconds:.1f} s, {age}"
-    if failed:
-        text += f"\n{failed:,} lookups without an answer; the last: {history.error}"
-    document = {
-        "file": str(args.out),
-        "lookups": lookups,
-        "failed": failed,
-        "seconds": round(seconds, 3),
+def _report(
+    args: argparse.Namespace, histories: list[PairHistory], found: PoseError | None
+) -> None:
+    first, *others = histories
+    document = {"file": str(args.out), **_figures(first)}
+    lines = [
+        f"{args.out}: {len(first.times_s):,} lookups over {first.times_s[-1]:.1f} s, {_age(first)}",
+        *_failed(first),
+    ]
+    for other in others:
+        document["pair"] = {"target": other.target, "source": other.source, **_figures(other)}
+        name = f"{printable(other.source)} in {printable(other.target)}"
+        lines += [f"{name}: {_age(other)}", *_failed(other)]
+    if found is not None:
+        numbers = _error_figures(found)
+        document |= numbers
+        lines.append(_error_text(numbers))
+    output.show(args, document, "\n".join(lines))
+
+
+def _figures(history: PairHistory) -> dict[str, Any]:
+    median_s, greatest_s = _median_and_greatest(history.ages_s)
+    return {
+        "lookups": len(history.times_s),
+        "failed": int(np.count_nonzero(~history.answered)),
+        "seconds": round(float(history.times_s[-1]), 3),
         "median_age_s": median_s,
         "greatest_age_s": greatest_s,
     }
-    output.show(args, document, text)
+
+
+def _age(history: PairHistory) -> str:
+    ages_s = _median_and_greatest(history.ages_s)
+    if ages_s == (None, None):
+        return "all links are static"
+    median, greatest = (age_text(int((each or 0.0) * 1e9)) for each in ages_s)
+    return f"age {median} (median), {greatest} at most"
+
+
+def _failed(history: PairHistory) -> list[str]:
+    failed = int(np.count_nonzero(~history.answered))
+    text = f"{failed:,} lookups without an answer; the last: {history.error}"
+    return [printable(text)] if failed else []
+
+
+def _error_figures(found: PoseError) -> dict[str, float | None]:
+    angles = _median_and_greatest(np.degrees(found.angles_rad))
+    keys = ("median_error_m", "greatest_error_m", "median_error_deg", "greatest_error_deg")
+    return dict(zip(keys, (*_median_and_greatest(found.distances_m), *angles), strict=True))
+
+
+def _error_text(numbers: dict[str, float | None]) -> str:
+    median_m, greatest_m, median_deg, greatest_deg = numbers.values()
+    if median_m is None:
+        return "error: none, as the pairs never have an answer at the same time"
+    return (
+        f"error: {median_m:.4g} m (median), {greatest_m:.4g} m at most; "
+        f"{median_deg:.4g} deg (median), {greatest_deg:.4g} deg at most"
+    )
+
+
+def _median_and_greatest(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
+    """Without the NaNs; None if there is nothing else."""
+    known = values[~np.isnan(values)]
+    return (float(np.median(known)), float(known.max())) if len(known) else (None, None)
 
 
 def _figure(text: str) -> Path:
