@@ -138,14 +138,6 @@ def test_static_answers_have_no_time(run: Run) -> None:
     assert "time         0.000000000 s" in succeeds(run("lookup", "start", "now"))
 
 
-def test_set_takes_angles(run: Run) -> None:
-    succeeds(run("set", "a", "b", "1", "2", "3", "--yaw", "-90deg", "--roll", "0.1rad"))
-    found = document(run("latest", "a", "b", "--json"))
-    assert found["translation"] == [1, 2, 3]
-    expected = Transform.from_rpy(0.1, 0.0, -math.pi / 2)
-    assert found["rotation"] == pytest.approx(expected.rotation.tolist())
-
-
 @pytest.mark.usefixtures("chain")
 def test_velocity_over_no_time(run: Run) -> None:
     assert "averaging_interval_s" in refusal(run("velocity", "base", "map", "--interval", "0"))

@@ -1,4 +1,4 @@
-"""``zenoh-tf static``: tf2's forms of arguments."""
+"""``zenoh-tf static``: tf2's forms of arguments, and angles of ``set``."""
 
 from __future__ import annotations
 
@@ -79,3 +79,11 @@ def test_what_the_server_refuses(robot: TransformClient, command: Run) -> None:
     assert ended.returncode == 1
     assert "quaternion" in ended.stderr
     assert "cycle" in command("static", *["0", "0", "0", "0", "0", "0", "base_link", "map"]).stderr
+
+
+def test_set_takes_angles(robot: TransformClient, command: Run) -> None:
+    arguments = ("map", "cup", "1", "2", "3", "--yaw", "-90deg", "--roll", "0.1rad")
+    assert command("set", *arguments).returncode == 0
+    found = robot.lookup_transform("map", "cup").transform
+    expected = Transform.from_rpy(0.1, 0.0, -math.pi / 2, translation=(1, 2, 3))
+    assert found.pose() == pytest.approx(expected.pose())

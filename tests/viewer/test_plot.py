@@ -216,7 +216,7 @@ def test_two_pairs_and_their_error(recording: Path, tmp_path: Path, capsys: Any)
     assert "<!-- velocity [m/s] -->" not in drawn
     document = json.loads(call(capsys, *args, "--velocity", "--error", "--json").stdout)
     assert document["pair"]["source"] == "camera"
-    assert (document["greatest_error_m"], document["greatest_error_deg"]) == (1.0, 0.0)
+    assert (document["greatest_error_m"], document["greatest_error_deg"]) == (pytest.approx(1), 0)
     assert "<!-- velocity [m/s] -->" in (tmp_path / "x.svg").read_text()
     done = call(capsys, *args, "--error", "--end", "+0s")
     assert "1 lookups over 0.0 s" in done.stdout

@@ -42,7 +42,7 @@ class Feed:
         on_lost: Callable[[ServerUnavailable | ServerWasRestarted], None] | None = None,
     ) -> None:
         """`on_lost`: called with the reason when the server ends or was restarted, in place of an
-        error. Then the feed waits for a server, and continues; the counters begin again. The
+        error. Then the feed waits for a server, and continues; the counters restart from zero. The
         broadcaster sends its static links to the new server."""
         self._tf = tf
         self._on_lost = on_lost
