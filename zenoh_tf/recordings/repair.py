@@ -1,7 +1,8 @@
 """Repairs MCAP files that lack their end or have damaged chunks, whatever their messages are.
 
-The file is read record by record up to the first one that is not complete. Everything that can be
-read is written into a new file, which has an index again. What cannot be read is counted.
+The file is read record by record up to the first one that is not complete; of a chunk that is not
+complete, the messages up to its end are read. Everything that can be read is written into a new
+file, which has an index again. What cannot be read is counted.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from .mcap_file import MAX_RECORD_BYTES, McapFile
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _RECORD: Final = struct.Struct("<BQ")  # opcode, bytes of the record
-_CHUNK_TIMES: Final = struct.Struct("<QQ")  # of its first and of its last message
+#: Of a chunk: times of its first and last message, size and checksum before compression, and the
+#: length of the compression's name.
+_CHUNK_HEAD: Final = struct.Struct("<QQQII")
+_CHUNK_DATA_BYTES: Final = struct.Struct("<Q")
 _INDEX: Final = struct.Struct("<HI")  # channel, bytes of the entries
 _INDEX_ENTRY_BYTES: Final = 16
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = 1, 3, 4, 5, 6, 7
@@ -34,10 +38,10 @@ class Repaired:
         lost_messages: Messages that it lacks, as far as their number is known: the index behind a
             damaged chunk says it, but nothing says it of an incomplete one.
         lost_chunks: Chunks that were damaged, or not complete.
-        lost_bytes: Bytes of the old file that could not be read.
-        lost_from_ns: The log time of the first message of the incomplete chunk at the end; None if
-            that is not known, or nothing was incomplete.
-        lost_to_ns: That of its last message.
+        lost_bytes: Bytes that could not be read; of an incomplete chunk, before compression.
+        lost_from_ns: From this log time on the messages of the incomplete chunk at the end are
+            lost; None if that is not known, or nothing was incomplete.
+        lost_to_ns: The log time of its last message.
     """
 
     messages: int = 0
@@ -76,8 +80,11 @@ def repair(path: Path, out: Path, on_bytes: Callable[[int], None] | None = None)
             try:
                 writer = Writer(new)
                 copy = _Copy(writer)
-                for opcode, body in _records(stream, size, copy.found):
-                    copy.add(opcode, body)
+                for opcode, body, is_complete in _records(stream, size):
+                    if is_complete:
+                        copy.add(opcode, body)
+                    else:
+                        copy.add_end(opcode, body)
                     if on_bytes is not None:
                         on_bytes(stream.tell())
                 copy.finish()
@@ -92,7 +99,7 @@ def _check(path: Path, found: Repaired) -> None:
     """Raise RecordingError if the new file would be of no use."""
     if not found.messages:
         raise RecordingError(f"{path}: it has no complete message, so nothing can be repaired")
-    if found.lost_bytes or found.lost_messages:
+    if found.lost_bytes or found.lost_messages or found.lost_chunks:
         return
     container = McapFile(path)
     container.close()
@@ -100,25 +107,34 @@ def _check(path: Path, found: Repaired) -> None:
         raise RecordingError(f"{path}: the file is complete, so there is nothing to repair")
 
 
-def _records(stream: BinaryIO, size: int, found: Repaired) -> Iterator[tuple[int, bytes]]:
-    """The records of the data section, up to the first one that is not complete."""
+def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
+    """The records of the data section as opcode, content, and whether it is complete: the last one
+    may not be, and then its content is the rest of the file."""
     while True:
-        begin = stream.tell()
         head = stream.read(_RECORD.size)
-        if len(head) == _RECORD.size:
-            opcode, length = _RECORD.unpack(head)
-            if opcode == _DATA_END:
-                return
-            if opcode and length <= min(size - stream.tell(), MAX_RECORD_BYTES):
-                yield opcode, stream.read(length)
-                continue
-            if opcode == _CHUNK:
-                found.lost_chunks += 1
-                times = stream.read(_CHUNK_TIMES.size)
-                if len(times) == _CHUNK_TIMES.size:
-                    found.lost_from_ns, found.lost_to_ns = _CHUNK_TIMES.unpack(times)
-        found.lost_bytes += size - begin
-        return
+        if len(head) < _RECORD.size:
+            yield 0, head, False
+            return
+        opcode, length = _RECORD.unpack(head)
+        if opcode == _DATA_END:
+            return
+        is_complete = bool(opcode) and length <= min(size - stream.tell(), MAX_RECORD_BYTES)
+        yield opcode, stream.read(length if is_complete else MAX_RECORD_BYTES), is_complete
+        if not is_complete:
+            return
+
+
+def _decompress_begin(compression: bytes, data: bytes) -> bytes:
+    """What the begin of compressed data says."""
+    if compression == b"zstd":
+        import zstandard  # noqa: PLC0415 - of the extra
+
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    if compression == b"lz4":
+        import lz4.frame  # noqa: PLC0415 - of the extra
+
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data))
+    return data
 
 
 class _Copy:
@@ -138,6 +154,7 @@ class _Copy:
         self._schemas = {0: 0}  # 0: a channel without one
         self._channels: dict[int, int] = {}
         self._is_index_of_lost = False
+        self._last_ns = 0  # the log time of the last message
         self.found = Repaired()
 
     def add(self, opcode: int, body: bytes) -> None:
@@ -160,6 +177,29 @@ class _Copy:
                 self.found.lost_chunks += 1
                 self._is_index_of_lost = True
 
+    def add_end(self, opcode: int, body: bytes) -> None:
+        """Add the messages of a chunk that is not complete; of all else, nothing can be read."""
+        found = self.found
+        found.lost_bytes += len(body)
+        if opcode != _CHUNK or len(body) < _CHUNK_HEAD.size:
+            return
+        first_ns, last_ns, size, _, name_bytes = _CHUNK_HEAD.unpack_from(body)
+        found.lost_chunks += 1
+        found.lost_from_ns, found.lost_to_ns = first_ns, last_ns
+        begin = _CHUNK_HEAD.size + name_bytes
+        try:
+            data = _decompress_begin(
+                body[_CHUNK_HEAD.size : begin], body[begin + _CHUNK_DATA_BYTES.size :]
+            )[:size]
+            read = self._add_records(data)
+        except OSError:
+            raise  # of the disk
+        except Exception:  # libraries raise any on damage
+            return
+        found.lost_bytes += size - read - len(body)
+        if read:
+            found.lost_from_ns = self._last_ns
+
     def finish(self) -> None:
         """Write the index and the end."""
         self._start()
@@ -169,13 +209,20 @@ class _Copy:
         """Add the records of a chunk, all or none: its checksum is that of all."""
         chunk = self._kinds.Chunk.read(self._stream(BytesIO(body)))
         stream, size = self._chunk_data(chunk, validate_crc=True)
-        data = stream.read(size)
+        if self._add_records(stream.read(size)) < size:
+            raise ValueError("a record is longer than its chunk")
+
+    def _add_records(self, data: bytes) -> int:
+        """Add the complete records of a chunk's data. Returns how many bytes they have."""
         at = 0
-        while at < size:
+        while at + _RECORD.size <= len(data):
             opcode, length = _RECORD.unpack_from(data, at)
-            at += _RECORD.size
-            self._add_record(opcode, data[at : at + length])
-            at += length
+            end = at + _RECORD.size + length
+            if end > len(data):
+                break
+            self._add_record(opcode, data[at + _RECORD.size : end])
+            at = end
+        return at
 
     def _add_record(self, opcode: int, body: bytes) -> None:
         kinds, data = self._kinds, self._stream(BytesIO(body))
@@ -204,6 +251,7 @@ class _Copy:
                 message.sequence,
             )
             self.found.messages += 1
+            self._last_ns = message.log_time
         elif opcode == _ATTACHMENT:
             a = kinds.Attachment.read(data)
             self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)

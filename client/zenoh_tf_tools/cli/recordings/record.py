@@ -37,7 +37,7 @@ def add(commands: Commands) -> None:
         "write every committed transform into an MCAP file",
         "Write the tree's static links, the history that the server has, and then every committed "
         "transform into a new MCAP file, until Ctrl-C. A recorder that is killed leaves a readable "
-        "file without the last second. --repair needs no server: it writes what is complete of a "
+        "file without the last second. --repair needs no server: it writes what can be read of a "
         "damaged MCAP file, whoever recorded it, into a new one with an index, and counts what is "
         "lost. Needs the libraries of zenoh-tf[recordings].",
         "zenoh-tf record run.mcap",
