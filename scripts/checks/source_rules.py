@@ -24,6 +24,7 @@ EXTRAS = {
     "matplotlib": "zenoh_tf_tools",
     "prometheus_client": "zenoh_tf_server",
     "foxglove_schemas_protobuf": "zenoh_tf",
+    "lz4": "zenoh_tf",
     "mcap": "zenoh_tf",
     "mcap_protobuf": "zenoh_tf",
     "rich": "zenoh_tf_tools",
@@ -32,6 +33,7 @@ EXTRAS = {
     "shtab": "zenoh_tf_tools",
     "viser": "zenoh_tf_tools",
     "xxhash": "zenoh_tf",
+    "zstandard": "zenoh_tf",
 }
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
 #: Files of a folder, and those that have more, with the reason.

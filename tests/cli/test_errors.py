@@ -159,6 +159,7 @@ AMBIGUOUS = "is ambiguous: {0} seconds or {0} milliseconds"
         ("record out --format bag", "invalid choice: 'bag'"),
         ("record out --repair file --for 1s", "--repair cannot be combined with --format or --for"),
         ("record out --repair file --format ros2", "--repair cannot be combined with"),
+        ("completion fish", "invalid choice: 'fish'"),
         ("query file odom", "give both TARGET and SOURCE, or neither"),
         ("query file odom base --start 1s", "--start and --end belong to --every"),
         ("query file odom base --every 20", AMBIGUOUS.format(20)),
