@@ -25,7 +25,9 @@ def ends_on_q() -> Iterator[None]:
     The block ends by a KeyboardInterrupt as by Ctrl-C, which is not raised further. Without a
     terminal for input and output, or in the background, nothing is read.
     """
-    if not (sys.stdin.isatty() and sys.stdout.isatty()) or not _is_in_foreground():
+    # Without an input at all, Python has no `stdin`.
+    has_terminal = sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()
+    if not has_terminal or not _is_in_foreground():
         yield
         return
     terminal = sys.stdin.fileno()
@@ -33,8 +35,6 @@ def ends_on_q() -> Iterator[None]:
     ended, pressed = threading.Event(), threading.Event()
     thread = None
     try:
-        # Keys come at once, and are not shown; Ctrl-C and Ctrl-Z are as before.
-        tty.setcbreak(terminal)
         thread = threads.start("quit key", _read_keys, terminal, ended, pressed)
         yield
     except KeyboardInterrupt:
@@ -52,7 +52,12 @@ def _read_keys(terminal: int, ended: threading.Event, pressed: threading.Event) 
         # A process in the background that reads from its terminal would be stopped.
         if not _is_in_foreground():
             ended.wait(_POLL_S)
-        elif select.select([terminal], [], [], _POLL_S)[0]:
+            continue
+        if termios.tcgetattr(terminal)[3] & termios.ICANON:
+            # At first, and after the shell had the terminal: keys come at once, and are not shown.
+            # Ctrl-C and Ctrl-Z are as before.
+            tty.setcbreak(terminal, termios.TCSANOW)
+        if select.select([terminal], [], [], _POLL_S)[0]:
             keys = b""
             with suppress(OSError):
                 keys = os.read(terminal, 64)
