@@ -31,6 +31,7 @@ EXTRAS = {
     "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_tools",
+    "trimesh": "zenoh_tf_tools",  # viser brings it
     "viser": "zenoh_tf_tools",
     "xxhash": "zenoh_tf",
     "zstandard": "zenoh_tf",

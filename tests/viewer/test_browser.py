@@ -79,13 +79,34 @@ def test_a_person_sees_a_stale_link_and_a_trail(page: Any, url: str) -> None:
     wait_for_colours(page)
 
 
+def test_the_first_picture_shows_the_whole_tree(page: Any, url: str) -> None:
+    """Without a camera that the test chooses; and the panel is beside it, not over it."""
+    page.goto(url)
+    page.get_by_text("1 stale (over 1 s): tool").wait_for()
+    wait_for_colours(page)
+    canvas = page.locator("canvas").first.bounding_box()
+    panel = page.get_by_text("fixed frame").first.bounding_box()
+    assert canvas["x"] + canvas["width"] <= panel["x"]
+
+
+def test_a_frame_can_be_hidden(page: Any, url: str) -> None:
+    page.goto(f"{url}/?initialCameraPosition=2.5,-1.5,2&initialCameraLookAt=3,0,0")
+    page.get_by_text("frames", exact=True).first.click(force=True)
+    page.get_by_text("3 of 3 frames").wait_for()
+    page.locator("label", has_text="tool").last.click(force=True)
+    page.get_by_text("3 of 3 frames, 1 hidden").wait_for()
+    page.locator("label", has_text="tool").last.click(force=True)
+    page.get_by_text("3 of 3 frames", exact=True).wait_for()
+
+
 def test_a_frame_can_be_clicked(page: Any, url: str) -> None:
-    """The fixed frame's origin is where the camera looks: in the middle of the window."""
+    """The fixed frame's origin is where the camera looks: in the middle of the scene."""
     page.goto(f"{url}/?initialCameraPosition=0.3,0.3,0.3&initialCameraLookAt=0,0,0")
     page.get_by_text("3 frames, 2 moving").wait_for()
     figures = page.get_by_text("none, it is a root")
     for _ in range(60):
-        page.mouse.click(450, 300)
+        canvas = page.locator("canvas").first.bounding_box()
+        page.mouse.click(canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2)
         page.wait_for_timeout(1000)
         if figures.count():
             return

@@ -53,6 +53,32 @@ def test_live_links(client: TransformClient, mirror: Mirror) -> None:
     assert not early.is_stale(1.0)
 
 
+def test_a_paused_live_tree_shows_the_past(client: TransformClient, mirror: Mirror) -> None:
+    now_ns = time.time_ns()
+    for i in range(11):
+        stamp_ns = now_ns + i * S // 10
+        client.set_transform(StampedTransform("map", "base", stamp_ns, Transform((i, 0, 0))))
+    mirror.wait_for()
+    source = LiveSource(mirror)
+    at_ns = now_ns + S // 2
+    past = source.link("base", at_ns, past=True)
+    assert past is not None
+    assert past.sample_ns == at_ns
+    assert (past.age_s, past.parent) == (0.0, "map")
+    # No further than there are samples.
+    assert source.step_ns(["base"], now_ns, -1) == now_ns
+    assert source.step_ns(["base"], now_ns + S, 1) == now_ns + S
+    assert source.step_ns(["base"], at_ns, -1) == at_ns - round(S / 11)
+    assert source.step_ns(["base"], at_ns, 1) == at_ns + round(S / 11)
+    client.set_transform(StampedTransform("dock", "base", now_ns + 2 * S, Transform()))
+    mirror.wait_for()
+    before, after = (source.link("base", now_ns + i * S, past=True) for i in (1, 2))
+    assert before is not None
+    assert after is not None
+    assert (before.parent, after.parent) == ("map", "dock")
+    assert source.step_ns(["map", "nowhere"], at_ns, 1) == at_ns
+
+
 def test_removed_frames_are_gone(client: TransformClient, mirror: Mirror) -> None:
     client.set_transform(StampedTransform("map", "base", 1, Transform()))
     mirror.wait_for()
@@ -129,3 +155,13 @@ def test_a_recorded_link_has_the_parent_of_the_time(recorded: RecordedSource) ->
     assert before is not None
     assert after is not None
     assert (before.parent, after.parent) == ("map", "world")
+
+
+def test_steps_of_a_recording_end_at_samples(recorded: RecordedSource) -> None:
+    at_ns = 3 * S + S // 20
+    assert recorded.step_ns(["base"], at_ns, 1) == 3 * S + S // 10
+    assert recorded.step_ns(["base"], at_ns, -1) == 3 * S
+    assert recorded.step_ns(["base"], 3 * S, -1) == 3 * S - S // 10
+    assert recorded.step_ns(["base", "late"], 3 * S + 9 * S // 10, 1) == 4 * S
+    assert recorded.step_ns(["base"], 6 * S, 1) == 6 * S  # there is none
+    assert recorded.step_ns(["camera"], at_ns, 1) == at_ns

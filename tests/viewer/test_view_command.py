@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 import signal
 import socket
 import urllib.request
@@ -17,12 +18,14 @@ from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
 from tests.support.command_line import call, documented, run_without, started
 
-PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs/how-to/view.md"
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = write(tmp_path_factory.mktemp("recording") / "run")
+    shutil.copy(ROOT / "examples/arm.urdf", path.with_name("robot.urdf"))
     return path.rename(path.with_name("run.mcap"))
 
 
@@ -90,11 +93,18 @@ def test_wrong_arguments(
     [
         (("--at", "1s"), "--at 1s is the stamp 1.000000000 s, but"),
         (("--host", "203.0.113.1"), "zenoh-tf: cannot listen on '203.0.113.1': "),
+        (("--urdf", "nowhere.urdf"), "zenoh-tf: nowhere.urdf: No such file or directory"),
+        (("--urdf", "run.mcap"), "run.mcap: not XML"),
     ],
 )
 def test_arguments_that_do_not_fit(
-    recording: Path, args: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
+    recording: Path,
+    args: tuple[str, str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(recording.parent)
     done = call(capsys, "view", str(recording), *args)
     assert done.returncode == 1
     assert message in done.stderr

@@ -77,24 +77,31 @@ def read(path: Path) -> Robot:
         LimitExceeded: It is larger than `MAX_BYTES`.
         OSError: It cannot be read.
     """
+    return parse(_text(path), str(path))
+
+
+def parse(text: bytes, source: str = "URDF") -> Robot:
+    """Parse URDF; as `read`. `source` stands at the beginning of errors."""
+    root = _parse_xml(text, source)
+    links = [name_of(element, source) for element in root.findall("link")]
+    # A transmission has elements named joint as well, but deeper in the file.
+    joints = tuple(_joint(element, source) for element in root.findall("joint"))
+    return Robot(root.get("name", ""), _check_tree(links, joints, source), joints)
+
+
+def read_xml(path: Path) -> Element:
+    """Read the element <robot> of a URDF file. Raises as `read`, but for what is in it."""
+    return _parse_xml(_text(path), str(path))
+
+
+def _text(path: Path) -> bytes:
     with path.open("rb") as file:
         text = file.read(MAX_BYTES + 1)
     if len(text) > MAX_BYTES:
         raise LimitExceeded(
             f"{path}: larger than the limit of {MAX_BYTES:,} bytes", field="bytes", limit=MAX_BYTES
         )
-    return parse(text, str(path))
-
-
-def parse(text: bytes, source: str = "URDF") -> Robot:
-    """Parse URDF; as `read`. `source` stands at the beginning of errors."""
-    root = _parse_xml(text, source)
-    if root.tag != "robot":
-        raise InvalidArgumentException(f"{source}: the root element is <{root.tag}>, not <robot>")
-    links = [_name(element, source) for element in root.findall("link")]
-    # A transmission has elements named joint as well, but deeper in the file.
-    joints = tuple(_joint(element, source) for element in root.findall("joint"))
-    return Robot(root.get("name", ""), _check_tree(links, joints, source), joints)
+    return text
 
 
 def _parse_xml(text: bytes, source: str) -> Element:
@@ -118,19 +125,22 @@ def _parse_xml(text: bytes, source: str) -> Element:
         parser.Parse(text, True)
     except (expat.ExpatError, LookupError) as error:  # LookupError: of an unknown encoding
         raise InvalidArgumentException(f"{source}: not XML: {error}") from error
-    return builder.close()
+    root = builder.close()
+    if root.tag != "robot":
+        raise InvalidArgumentException(f"{source}: the root element is <{root.tag}>, not <robot>")
+    return root
 
 
 def _joint(element: Element, source: str) -> Joint:
-    name = _name(element, source)
+    name = name_of(element, source)
     kind = element.get("type", "")
     if kind not in _KINDS:
         raise _invalid(source, name, f"its type is {kind!r}, not one of {', '.join(_KINDS)}")
     parent, child = (_link(element, tag, source, name) for tag in ("parent", "child"))
     origin = element.find("origin")
-    xyz = _numbers(origin, "xyz", (0.0, 0.0, 0.0), source, name)
-    roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0), source, name)
-    axis = np.array(_numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), source, name))
+    xyz = numbers(origin, "xyz", (0.0, 0.0, 0.0), source, name)
+    roll, pitch, yaw = numbers(origin, "rpy", (0.0, 0.0, 0.0), source, name)
+    axis = np.array(numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), source, name))
     if kind in MOVING:
         length = float(np.linalg.norm(axis))
         if not 1e-6 < length < 1e6:
@@ -139,8 +149,8 @@ def _joint(element: Element, source: str) -> Joint:
     limit = element.find("limit")
     lower, upper = -math.inf, math.inf
     if limit is not None and kind in ("revolute", "prismatic"):
-        [lower] = _numbers(limit, "lower", (0.0,), source, name)  # the default of URDF
-        [upper] = _numbers(limit, "upper", (0.0,), source, name)
+        [lower] = numbers(limit, "lower", (0.0,), source, name)  # the default of URDF
+        [upper] = numbers(limit, "upper", (0.0,), source, name)
     mimic = element.find("mimic")
     return Joint(
         name,
@@ -167,25 +177,43 @@ def _mimic(element: Element, source: str, joint: str) -> Mimic:
     other = element.get("joint", "")
     if not other:
         raise _invalid(source, joint, "its <mimic> names no joint")
-    [multiplier] = _numbers(element, "multiplier", (1.0,), source, joint)
-    [offset] = _numbers(element, "offset", (0.0,), source, joint)
+    [multiplier] = numbers(element, "multiplier", (1.0,), source, joint)
+    [offset] = numbers(element, "offset", (0.0,), source, joint)
     return Mimic(other, multiplier, offset)
 
 
-def _numbers(
-    element: Element | None, attribute: str, default: Sequence[float], source: str, joint: str
+def numbers(
+    element: Element | None,
+    attribute: str,
+    default: Sequence[float],
+    source: str,
+    owner: str,
+    kind: str = "joint",
 ) -> list[float]:
+    """The finite numbers of an attribute, as many as `default` has.
+
+    Args:
+        element: The element; None if it is left out.
+        attribute: Its attribute.
+        default: What holds if the element or the attribute is left out.
+        source: The file, for errors.
+        owner: The joint or link that it belongs to, for errors.
+        kind: Which of the two.
+
+    Raises:
+        InvalidArgumentException: They are other ones, or not as many.
+    """
     text = None if element is None else element.get(attribute)
     if text is None:
         return list(default)
     try:
-        numbers = [float(word) for word in text.split()]
+        values = [float(word) for word in text.split()]
     except ValueError:
-        numbers = []
-    if len(numbers) != len(default) or not all(map(math.isfinite, numbers)):
-        count = {1: "a number", 3: "three numbers"}[len(default)]
-        raise _invalid(source, joint, f"{attribute}={text[:80]!r} is not {count}")
-    return numbers
+        values = []
+    if len(values) != len(default) or not all(map(math.isfinite, values)):
+        count = {1: "a number", 3: "three numbers", 4: "four numbers"}[len(default)]
+        raise _invalid(source, owner, f"{attribute}={text[:80]!r} is not {count}", kind)
+    return values
 
 
 def _check_tree(links: Sequence[str], joints: Sequence[Joint], source: str) -> str:
@@ -251,12 +279,13 @@ def _repeated(names: Sequence[str]) -> str | None:
     return None
 
 
-def _name(element: Element, source: str) -> str:
+def name_of(element: Element, source: str) -> str:
+    """The name of an element. Raises InvalidArgumentException if it has none."""
     name = element.get("name", "")
     if not name:
         raise InvalidArgumentException(f"{source}: a <{element.tag}> has no name")
     return name
 
 
-def _invalid(source: str, joint: str, reason: str) -> InvalidArgumentException:
-    return InvalidArgumentException(f"{source}: joint {joint!r}: {reason}", field=joint)
+def _invalid(source: str, owner: str, reason: str, kind: str = "joint") -> InvalidArgumentException:
+    return InvalidArgumentException(f"{source}: {kind} {owner!r}: {reason}", field=owner)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,14 @@ class Placement:
     poses: NDArray[np.float64]
     rows: Mapping[str, int]
     elsewhere: dict[str, int]
+
+    def seen_from(self, fixed: str) -> Placement:
+        """Return the same picture with another fixed frame, which is one of the names."""
+        X_fixed_now = _array(self.poses[self.rows[fixed]][np.newaxis]).inverse()[0]
+        return replace(self, poses=(X_fixed_now @ _array(self.poses)).poses)
+
+
+NOTHING = Placement([], np.empty((0, 7)), {}, {})
 
 
 def place(lookups: Lookups, links: Mapping[str, Link], fixed: str) -> Placement:

@@ -46,7 +46,7 @@ class RecordedSource:
     def names(self) -> list[str]:
         return self._names
 
-    def link(self, name: str, time_ns: int) -> Link | None:
+    def link(self, name: str, time_ns: int, *, past: bool = True) -> Link | None:
         frame = self._tree.frame(name)
         stamps_ns = self._stamps_ns.get(name)
         if frame.parent is None or frame.static or stamps_ns is None:
@@ -70,6 +70,20 @@ class RecordedSource:
 
     def now_ns(self, links: Sequence[Link]) -> int:
         return self.range_ns[1]  # the end, if no time is chosen
+
+    def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
+        found = []
+        for name in names:
+            stamps_ns = self._stamps_ns.get(name)
+            if stamps_ns is None:
+                continue
+            if step > 0:
+                at = int(np.searchsorted(stamps_ns, time_ns, "right"))
+            else:
+                at = int(np.searchsorted(stamps_ns, time_ns)) - 1
+            if 0 <= at < len(stamps_ns):
+                found.append(int(stamps_ns[at]))
+        return (min(found) if step > 0 else max(found)) if found else time_ns
 
     def trouble(self) -> str | None:
         return None

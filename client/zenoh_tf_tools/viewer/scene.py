@@ -1,9 +1,13 @@
-"""Draws frames, links and trails through viser; sends only what has changed.
+"""Draws frames, links, names and trails through viser; sends only what has changed.
 
-viser's quaternions are (w, x, y, z). Every frame's node is given its pose in the fixed frame, so a
-new parent changes no node. Nodes have numbers in place of names: a ``/`` in a node's name would
-make it the child of another one, and viser keeps something of every name that a node has ever had.
-The node of a frame that is gone is hidden, and serves the next new frame.
+All axes are one node of viser, and so are all origins, all links and all trails: a picture of 1,000
+frames is a few messages. Names are nodes of their own, as only some are drawn. A node's name is a
+number, never a frame's: a ``/`` in it would make it the child of another one, and viser keeps
+something of every name that a node has ever had.
+
+Coordinates are those of the fixed frame, less the scene's origin in 64 bits: the browser has only
+32, and so a robot far from the origin of the earth does not shake. viser's quaternions are
+(w, x, y, z).
 """
 
 from __future__ import annotations
@@ -15,8 +19,11 @@ from typing import Any, Final
 import numpy as np
 import viser
 from numpy.typing import NDArray
+from trimesh.creation import icosphere
 
 from zenoh_tf.text import cut, printable
+from zenoh_tf_tools.viewer import labels
+from zenoh_tf_tools.viewer.camera import Camera, grid_cell_m
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.source import Link
 
@@ -26,63 +33,72 @@ Colour = tuple[int, int, int]
 FRESH: Final[Colour] = (0, 110, 80)
 STATIC: Final[Colour] = (110, 115, 125)
 STALE: Final[Colour] = (220, 0, 0)
+FAULTY: Final[Colour] = (190, 0, 190)
 TRAIL: Final[Colour] = (20, 60, 220)
 SELECTED: Final[Colour] = (255, 150, 0)
 
 #: Which names can be drawn: those of all frames, of roots and moving frames, or none.
-ALL: Final = "all"
+ALL: Final = "where there is room"
 MAIN: Final = "roots and moving"
-NAMES: Final = (MAIN, ALL, "none")
+NAMES: Final = (ALL, MAIN, "none")
 
 _WXYZ: Final = [6, 3, 4, 5]
 #: Characters of a frame's name that are drawn beside it.
 _LABEL_CHARS: Final = 60
+#: The axes of static frames are as long as this part of others: a robot has many, close together.
+_STATIC_AXES: Final = 0.6
+_SELECTED_AXES: Final = 1.5
 
 
-@dataclass
-class _Node:
-    """What viser draws of one frame."""
+@dataclass(frozen=True)
+class Look:
+    """How to draw.
 
-    name: str
-    frame: Any
-    label: Any
-    pose: NDArray[np.float64]
-    colour: Colour
-    text: str
-    named: bool
+    Attributes:
+        stale_s: From this age on, in seconds, a link is drawn as stale.
+        axes_m: Length of the axes of frames that move, in metres.
+        names: Which names to draw, one of `NAMES`.
+        selected: The frame whose origin is marked, and whose name is always drawn.
+        hidden: Frames that are not drawn.
+        faults: What to write beside the names of frames that have a fault.
+    """
+
+    stale_s: float
     axes_m: float
+    names: str
+    selected: str | None
+    hidden: frozenset[str]
+    faults: Mapping[str, str]
 
 
-def label_text(link: Link, stale: bool) -> str:
-    """Return the text beside a frame."""
-    return cut(printable(link.name), _LABEL_CHARS) + (" (stale)" if stale else "")
+def label_text(link: Link, stale: bool, fault: str = "") -> str:
+    """Return the text beside a frame; `fault`: what is wrong with it, in short."""
+    text = cut(printable(link.name), _LABEL_CHARS) + (" (stale)" if stale else "")
+    return f"{text}: {fault}" if fault else text
 
 
-def colour_of(link: Link, stale_after_s: float) -> Colour:
+def colour_of(link: Link, stale_after_s: float, faulty: bool = False) -> Colour:
     """Return the colour of a link and of its frame's origin."""
     if link.is_stale(stale_after_s):
         return STALE
+    if faulty:
+        return FAULTY
     return STATIC if link.age_s is None else FRESH
 
 
-class _Lines:
-    """Segments that are drawn as one node."""
+class _Node:
+    """A node of viser, and what was sent of it."""
 
-    def __init__(self, scene: viser.SceneApi, path: str, width: float) -> None:
-        self.points = np.zeros((0, 2, 3), np.float32)
-        self.colours = np.zeros((0, 2, 3), np.uint8)
-        self._lines: Any = scene.add_line_segments(
-            path, self.points, self.colours, thickness=width, thickness_units="screen"
-        )
+    def __init__(self, handle: Any, **sent: Any) -> None:
+        self.handle: Any = handle
+        self.sent = sent
 
-    def draw(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
-        """Draw these segments, (n, 2, 3) in metres, in the colours of their ends."""
-        if not np.array_equal(points, self.points):
-            self.points = points
-            self._lines.points = points
-        if not np.array_equal(colours, self.colours):
-            self.colours = colours
-            self._lines.colors = colours
+    def set(self, **properties: Any) -> None:
+        """Send the properties that are not as they were."""
+        for name, value in properties.items():
+            if name not in self.sent or not np.array_equal(self.sent[name], value):
+                self.sent[name] = value
+                setattr(self.handle, name, value)
 
 
 class Scene:
@@ -92,113 +108,194 @@ class Scene:
         """Draw nothing yet. `on_click` is called in another thread, with a frame's name."""
         self._scene = server.scene
         self._on_click = on_click
-        self._nodes: dict[str, _Node] = {}
-        self._hidden: list[_Node] = []
-        self._scene.add_grid(
-            "/grid",
-            infinite_grid=True,
-            cell_size=1.0,
-            cell_color=(225, 225, 225),
-            section_size=5.0,
-            section_color=(195, 195, 195),
-            fade_distance=40.0,
-        )
-        self._links = _Lines(self._scene, "/links", 2.5)
-        self._trails = _Lines(self._scene, "/trails", 2.0)
+        #: (3,) where the scene's origin is in the fixed frame, in metres.
+        self.origin = np.zeros(3)
+        #: The frames that are drawn, in the order of the rows of axes and origins.
+        self.drawn: list[str] = []
+        self._grid = _Node(self._scene.add_grid("/grid", infinite_grid=True))
+        self._grid.set(cell_color=(225, 225, 225), section_color=(195, 195, 195))
+        self._links = self._lines("/links", 2.5)
+        self._trails = self._lines("/trails", 2.0)
+        self._trails_origin = self.origin
+        self._axes = self._origins = _Node(None)
+        self._labels: dict[str, _Node] = {}
+        self._spare: list[_Node] = []
+        self.measure(5.0)
+
+    def measure(self, size_m: float) -> None:
+        """Make the grid fit to a scene of this size, in metres."""
+        cell_m = grid_cell_m(size_m)
+        self._grid.set(cell_size=cell_m, section_size=cell_m * 10, fade_distance=size_m * 6)
 
     def draw(
-        self,
-        placement: Placement,
-        links: Mapping[str, Link],
-        stale_after_s: float,
-        *,
-        axes_m: float,
-        names: str,
-        selected: str | None,
+        self, placement: Placement, links: Mapping[str, Link], look: Look, camera: Camera
     ) -> None:
         """Draw frames and links; frames that are not placed disappear.
 
         Args:
             placement: Where the frames are.
             links: Their links by name.
-            stale_after_s: From this age on, in seconds, a link is drawn as stale.
-            axes_m: Length of the frames' axes, in metres. Those of static frames are half as long:
-                a robot has many of them, close together.
-            names: Which names to draw, one of `NAMES`.
-            selected: The frame whose origin is marked, and whose name is drawn.
+            look: How to draw them.
+            camera: The camera that names must fit into.
         """
-        for gone in self._nodes.keys() - placement.rows.keys():
-            node = self._nodes.pop(gone)
-            node.frame.visible = False
-            self._hidden.append(node)
-        ends, colours = [], []
-        for name, pose in zip(placement.names, placement.poses, strict=True):
-            link = links[name]
-            colour = colour_of(link, stale_after_s)
-            chosen = name == selected
-            self._draw_frame(
-                name,
-                pose,
-                colour=SELECTED if chosen else colour,
-                text=label_text(link, colour == STALE),
-                named=chosen or names == ALL or (names == MAIN and not link.static),
-                axes_m=axes_m / 2 if link.static and not chosen else axes_m,
-            )
-            row = None if link.parent is None else placement.rows.get(link.parent)
-            if row is not None:
-                ends.append((placement.poses[row, :3], pose[:3]))
-                colours.append((colour, colour))
-        self._links.draw(
-            np.array(ends, np.float32).reshape(-1, 2, 3),
-            np.array(colours, np.uint8).reshape(-1, 2, 3),
+        self._move_origin()
+        shown = [name for name in placement.names if name not in look.hidden]
+        rows = [placement.rows[name] for name in shown]
+        poses = placement.poses[rows] - (*self.origin, 0, 0, 0, 0)
+        colours = [colour_of(links[x], look.stale_s, x in look.faults) for x in shown]
+        self._draw_frames(shown, poses, links, colours, look)
+        where = dict(zip(shown, poses, strict=True))
+        ends, of_links = [], []
+        for name, colour in zip(shown, colours, strict=True):
+            parent = links[name].parent
+            if parent in where:
+                ends.append((where[parent][:3], where[name][:3]))
+                of_links.append((colour, colour))
+        self._links.set(
+            points=np.array(ends, np.float32).reshape(-1, 2, 3),
+            colors=np.array(of_links, np.uint8).reshape(-1, 2, 3),
+        )
+        self._draw_labels(shown, poses[:, :3], links, look, camera)
+
+    def draw_trails(self, segments: NDArray[np.float64]) -> None:
+        """Draw line segments (n, 2, 3), in metres in the fixed frame."""
+        self._trails_origin = self.origin
+        self._trails.set(
+            points=(segments - self.origin).astype(np.float32),
+            colors=np.full(segments.shape, TRAIL, np.uint8),
+            position=(0.0, 0.0, 0.0),
         )
 
-    def draw_trails(self, segments: NDArray[np.float32]) -> None:
-        """Draw line segments (n, 2, 3), in metres."""
-        self._trails.draw(segments, np.full(segments.shape, TRAIL, np.uint8))
+    def _lines(self, path: str, width: float) -> _Node:
+        none = np.zeros((0, 2, 3))
+        lines = self._scene.add_line_segments(
+            path, none, none.astype(np.uint8), thickness=width, thickness_units="screen"
+        )
+        return _Node(lines, points=none, colors=none)
 
-    def _draw_frame(
+    def _move_origin(self) -> None:
+        """Move what is drawn once to where it is now."""
+        section = self._grid.sent.get("section_size", 1.0)
+        x, y, z = -self.origin
+        self._grid.set(position=(x % section, y % section, z))
+        self._trails.set(position=tuple(self._trails_origin - self.origin))
+
+    def _draw_frames(
         self,
-        name: str,
-        pose: NDArray[np.float64],
-        *,
-        colour: Colour,
-        text: str,
-        named: bool,
-        axes_m: float,
+        shown: list[str],
+        poses: NDArray[np.float64],
+        links: Mapping[str, Link],
+        colours: list[Colour],
+        look: Look,
     ) -> None:
-        node = self._nodes.get(name)
-        if node is None:
-            node = self._nodes[name] = self._new(name)
-        if not np.array_equal(node.pose, pose):
-            node.pose = pose
-            node.frame.position = pose[:3]
-            node.frame.wxyz = pose[_WXYZ]
-        if colour != node.colour:
-            node.colour = colour
-            node.frame.origin_color = colour
-        if text != node.text:
-            node.text = text
-            node.label.text = text
-        if named != node.named:
-            node.named = named
-            node.label.visible = named
-        if axes_m != node.axes_m:
-            node.axes_m = axes_m
-            node.frame.axes_length = axes_m
-            node.frame.axes_radius = axes_m / 25
-            node.frame.origin_radius = axes_m / 8
+        if len(shown) != len(self.drawn):
+            self._renew(len(shown))
+        self.drawn = shown
+        if not shown:
+            return
+        scales = np.array([_STATIC_AXES if links[x].static else 1.0 for x in shown], np.float32)
+        if look.selected in shown:
+            row = shown.index(look.selected)
+            scales[row] = _SELECTED_AXES
+            colours = [*colours[:row], SELECTED, *colours[row + 1 :]]
+        positions = poses[:, :3].astype(np.float32)
+        wxyzs = poses[:, _WXYZ].astype(np.float32)
+        self._axes.set(
+            batched_positions=positions,
+            batched_wxyzs=wxyzs,
+            batched_scales=scales * look.axes_m,
+        )
+        self._origins.set(
+            batched_positions=positions,
+            batched_scales=scales * look.axes_m / 8,
+            batched_colors=np.array(colours, np.uint8),
+        )
 
-    def _new(self, name: str) -> _Node:
-        """A node for a frame, whose state is unlike that of any frame."""
-        if self._hidden:
-            node = self._hidden.pop()
-            node.name = name
-            node.frame.visible = True
-            return node
-        path = f"/frames/{len(self._nodes)}"
-        frame = self._scene.add_frame(path)
-        label = self._scene.add_label(f"{path}/name", "", anchor="bottom-left")
-        node = _Node(name, frame, label, np.full(7, np.nan), (0, 0, 0), "", True, 0.0)
-        frame.on_click(lambda _: self._on_click(node.name))
+    def _renew(self, count: int) -> None:
+        """Make the nodes of axes and origins, for so many frames."""
+        for node in (self._axes, self._origins):
+            if node.handle is not None:
+                node.handle.remove()
+        self._axes = self._origins = _Node(None)
+        if count == 0:
+            return
+        turns = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
+        places, sizes = np.zeros((count, 3), np.float32), np.ones(count, np.float32)
+        axes = self._scene.add_batched_axes(
+            "/axes", turns, places, sizes, axes_length=1.0, axes_radius=0.03
+        )
+        ball = icosphere(subdivisions=1)
+        origins = self._scene.add_batched_meshes_simple(
+            "/origins",
+            ball.vertices,
+            ball.faces,
+            turns,
+            places,
+            batched_scales=sizes,
+            batched_colors=np.zeros((count, 3), np.uint8),
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        self._axes, self._origins = _Node(axes), _Node(origins)
+        axes.on_click(self._clicked)
+        origins.on_click(self._clicked)
+
+    def _clicked(self, event: Any) -> None:
+        drawn = self.drawn
+        if event.instance_index is not None and event.instance_index < len(drawn):
+            self._on_click(drawn[event.instance_index])
+
+    def _draw_labels(
+        self,
+        shown: list[str],
+        positions: NDArray[np.float64],
+        links: Mapping[str, Link],
+        look: Look,
+        camera: Camera,
+    ) -> None:
+        texts = [
+            label_text(links[x], links[x].is_stale(look.stale_s), look.faults.get(x, ""))
+            for x in shown
+        ]
+        pixels, inside = camera.project(positions)
+        chosen = labels.choose(
+            pixels,
+            np.array([_rank(links[x], look) for x in shown], np.int64) * inside,
+            np.array([*map(len, texts)], np.int64),
+            np.array([x in self._labels for x in shown], bool),
+            camera.width,
+        )
+        names = {shown[row] for row in chosen}
+        for gone in self._labels.keys() - names:
+            node = self._labels.pop(gone)
+            node.set(visible=False)
+            self._spare.append(node)
+        for row, anchor in chosen.items():
+            node = self._labels.get(shown[row]) or self._new_label(shown[row])
+            place = tuple(positions[row])
+            node.set(text=texts[row], position=place, anchor=anchor, visible=True)
+
+    def _new_label(self, name: str) -> _Node:
+        if self._spare:
+            node = self._spare.pop()
+        else:
+            path = f"/names/{len(self._labels)}"
+            node = _Node(self._scene.add_label(path, "", anchor=labels.RIGHT))
+        self._labels[name] = node
         return node
+
+
+def _rank(link: Link, look: Look) -> int:
+    """How important a name is; 0 if it is not to be drawn."""
+    if link.name == look.selected:
+        return 5
+    if link.name in look.faults:
+        return 4
+    if look.names not in (ALL, MAIN):
+        return 0
+    if link.is_stale(look.stale_s) or link.parent is None:
+        return 3
+    if link.age_s is not None:
+        return 2
+    return 1 if look.names == ALL else 0

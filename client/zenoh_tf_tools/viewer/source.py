@@ -69,11 +69,21 @@ class ViewedTree(Protocol):
     def names(self) -> list[str]:
         """All frames, in any order."""
 
-    def link(self, name: str, time_ns: int) -> Link | None:
-        """A frame's link at a time; None if there is no such frame any more."""
+    def link(self, name: str, time_ns: int, *, past: bool = False) -> Link | None:
+        """A frame's link at a time; None if there is no such frame any more.
+
+        Args:
+            name: The frame.
+            time_ns: The time, in nanoseconds.
+            past: Whether the time was chosen. Else a live tree shows the newest samples.
+        """
 
     def now_ns(self, links: Sequence[Link]) -> int:
         """The time to show next; `links`: those of the last time."""
+
+    def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
+        """The time of the next sample of these frames, or if `step` is -1 of the one before, in
+        nanoseconds; `time_ns` itself if there is none."""
 
     def trouble(self) -> str | None:
         """Why what is shown may be out of date or incomplete; None if all is well."""

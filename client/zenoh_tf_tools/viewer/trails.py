@@ -18,7 +18,7 @@ _STEP_NS = 20_000_000
 
 def trail_segments(
     lookups: Lookups, fixed: str, links: Iterable[Link], until_ns: int, length_s: float
-) -> NDArray[np.float32]:
+) -> NDArray[np.float64]:
     """Return the trails of the first frames whose links move.
 
     A trail has a gap where a lookup has no answer, and ends with the latest one that has.
@@ -39,9 +39,9 @@ def trail_segments(
     stamps_ns = np.arange(last - int(length_s * 1e9 / step_ns), last + 1) * step_ns
     stamps_ns = stamps_ns[stamps_ns >= 0]
     moving = [x.name for x in links if x.age_s is not None and x.name != fixed][:MAX_TRAILS]
-    segments = [np.empty((0, 2, 3), np.float32)]
+    segments = [np.empty((0, 2, 3))]
     for name in moving:
         points = lookups.lookup_transforms(fixed, name, stamps_ns).translations
-        pairs = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        pairs = np.stack([points[:-1], points[1:]], axis=1)
         segments.append(pairs[~np.isnan(pairs).any(axis=(1, 2))])
     return np.concatenate(segments)

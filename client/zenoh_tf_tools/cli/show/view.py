@@ -5,16 +5,31 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from zenoh_tf.doctor import RecordedFacts, TreeFacts
+from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.arguments import Commands, add_listen, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.errors import extra
+from zenoh_tf_tools.cli.observations import observe
+from zenoh_tf_tools.errors import CommandError, extra
+from zenoh_tf_tools.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 from zenoh_tf_tools.viewer.source import ViewedTree
+
+if TYPE_CHECKING:
+    from zenoh_tf_tools.viewer.findings import Observe
+    from zenoh_tf_tools.viewer.models import Model
+
+#: How long the doctor watches a server's tree.
+_OBSERVE_S = 2.0
 
 
 def add(commands: Commands) -> None:
@@ -29,6 +44,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf view",
         "zenoh-tf view run.mcap --at +42.4s",
         "zenoh-tf view --fixed base_link --trail 0",
+        "zenoh-tf view --urdf robot.urdf",
     )
     add_optional_file(view)
     view.add_argument(
@@ -59,17 +75,29 @@ def add(commands: Commands) -> None:
         "--axes",
         metavar="M",
         type=number(0.001, 1e6),
-        default=0.2,
-        help="length of the frames' axes in metres (default 0.2)",
+        help="length of the frames' axes in metres (default: one that fits the tree and the zoom)",
     )
     view.add_argument(
         "--max-frames",
         metavar="N",
         type=whole(1, 10_000),
-        default=300,
-        help="most frames that are drawn (default 300); the page says how many more there are",
+        default=1000,
+        help="most frames that are drawn (default 1000); the page says how many more there are",
     )
+    _add_urdf(view)
     add_listen(view, 8080, "if it is in use, the next free one")
+
+
+def _add_urdf(view: argparse.ArgumentParser) -> None:
+    view.add_argument(
+        "--urdf",
+        metavar="FILE",
+        type=Path,
+        action="append",
+        default=[],
+        help="draw the shapes of this robot at the frames of its links, whatever prefix they "
+        "have; may be given several times",
+    )
 
 
 def _view(args: argparse.Namespace) -> int:
@@ -86,7 +114,8 @@ def _view(args: argparse.Namespace) -> int:
     if trail_s is None:
         trail_s = 10.0 if args.file is None else math.inf
     with contextlib.ExitStack() as stack:
-        source = _source(args, stack)
+        models = _models(args.urdf)
+        source, observation = _source(args, stack)
         options = Options(
             stale_s=args.stale,
             max_frames=args.max_frames,
@@ -101,15 +130,53 @@ def _view(args: argparse.Namespace) -> int:
         if port != args.port and not args.json:
             print(f"port {args.port} is not free")
         output.announce(args, args.tree if args.file is None else str(args.file), "http", port)
-        Viewer(source, server, options).run()
+        viewer = Viewer(source, server, options, observation, models)
+        stack.callback(viewer.close)
+        viewer.run()
     return 0
 
 
-def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> ViewedTree:
+def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[ViewedTree, Observe]:
+    """What to show, and what gathers the facts about it for the doctor."""
     if args.file is not None:
-        return recorded(args)
+        return recorded(args), lambda stopped: _recorded_facts(args, stopped)
     tf = stack.enter_context(connect(args))
-    return LiveSource(stack.enter_context(tf.mirror()))
+    source = LiveSource(stack.enter_context(tf.mirror()))
+    return source, lambda _stopped: observe(tf, _OBSERVE_S, args.timeout)
+
+
+def _recorded_facts(args: argparse.Namespace, stopped: Callable[[], bool]) -> TreeFacts:
+    facts = RecordedFacts()
+    with recordings.opened(args) as recording:
+        for message in recording.messages():
+            if stopped():
+                break
+            facts.add(message.log_ns, message.topic, message.static, message.rows)
+    return facts.facts()
+
+
+def _models(files: list[Path]) -> list[Model]:
+    """The shapes of robots. What cannot be drawn is named on stderr."""
+    from zenoh_tf_tools.viewer.models import (  # noqa: PLC0415 - an optional extra
+        Model,
+        ModelError,
+    )
+
+    models = []
+    for file in files:
+        try:
+            visuals = read_visuals(file)
+        except OSError as error:
+            raise CommandError(f"{file}: {error.strerror or error}") from error
+        for visual in visuals:
+            try:
+                models.append(Model(visual))
+            except ModelError as error:
+                print(
+                    f"zenoh-tf: link {printable(visual.link)}: {printable(str(error))}",
+                    file=sys.stderr,
+                )
+    return models
 
 
 def _at_ns(args: argparse.Namespace, source: ViewedTree) -> int:

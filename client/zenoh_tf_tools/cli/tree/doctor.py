@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import textwrap
-import time
-from typing import Final
 
-from zenoh_tf import LimitExceeded, TimeoutException
-from zenoh_tf.doctor import (
-    CATALOGUE,
-    Finding,
-    LinkFacts,
-    RecordedFacts,
-    TreeFacts,
-    diagnose,
-)
+from zenoh_tf.doctor import CATALOGUE, Finding, RecordedFacts, TreeFacts, diagnose
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import duration
-from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.observations import observe
 from zenoh_tf_tools.cli.progress import Progress
-from zenoh_tf_tools.cli.records import frame_infos
 from zenoh_tf_tools.errors import FAULT_FOUND
-from zenoh_tf_tools.tree_observer import TreeObserver
-
-#: How often what has come is read.
-_PAUSE_S: Final = 0.05
 
 
 def add(commands: Commands) -> None:
@@ -68,7 +52,7 @@ def _doctor(args: argparse.Namespace) -> int:
         facts = _recorded(args)
     else:
         with connect(args) as tf:
-            facts = _observe(args, tf)
+            facts = observe(tf, args.observe_s, args.timeout)
     findings = diagnose(facts, args.ignore)
     document = {
         "tree": args.tree if args.file is None else None,
@@ -90,46 +74,6 @@ def _recorded(args: argparse.Namespace) -> TreeFacts:
                 progress.to(number)
         recorded.warn(recording)
     return facts.facts()
-
-
-def _observe(args: argparse.Namespace, tf: TransformClient) -> TreeFacts:
-    """Watch the samples, and read the records of the frames at the beginning and at the end."""
-    observer = _observer(args, tf)
-    try:
-        before = {frame.name: frame for frame in frame_infos(tf)}
-        authorities_before = tf.authorities()
-        start_s = time.monotonic()
-        while (left_s := start_s + args.observe_s - time.monotonic()) > 0:
-            if observer is not None:
-                observer.update()
-            time.sleep(min(_PAUSE_S, left_s))
-        observed_s = time.monotonic() - start_s if args.observe_s else 0.0
-        frames = frame_infos(tf)
-        now_ns = time.time_ns() if observer is None else observer.update()
-    finally:
-        if observer is not None:
-            observer.close()
-    seen = {} if observer is None else observer.observation.seen()
-    return TreeFacts(
-        [LinkFacts(frame, before.get(frame.name), seen.get(frame.name)) for frame in frames],
-        now_ns,
-        observed_s,
-        tf.authorities(),
-        authorities_before if args.observe_s else (),
-        tf.clients(),
-    )
-
-
-def _observer(args: argparse.Namespace, tf: TransformClient) -> TreeObserver | None:
-    """What sees the samples; None if the tree is too large to be sent in time."""
-    try:
-        return TreeObserver(tf, args.timeout)
-    except (LimitExceeded, TimeoutException) as error:
-        print(
-            f"zenoh-tf: samples are not judged, only the records of frames: {error}",
-            file=sys.stderr,
-        )
-        return None
 
 
 def _text(findings: list[Finding], frames: int) -> str:

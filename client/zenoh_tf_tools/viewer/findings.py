@@ -1,0 +1,77 @@
+"""Runs the doctor beside the viewer, in a thread of its own: observing takes seconds."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from zenoh_tf import TransformException
+from zenoh_tf.doctor import Finding, TreeFacts, diagnose
+from zenoh_tf_tools.errors import CommandError
+
+#: The pause after an observation, in seconds, so that the server has time for others.
+_PAUSE_S: Final = 5.0
+
+
+#: Gathers the facts about the tree. It may take seconds; it asks what it is given, again and again,
+#: whether to stop.
+Observe = Callable[[Callable[[], bool]], TreeFacts]
+
+
+class Findings:
+    """The faults of the tree as of the last observation.
+
+    Thread safety: all methods.
+    """
+
+    def __init__(self, observe: Observe, *, once: bool, wanted: Callable[[], bool]) -> None:
+        """Begin to observe.
+
+        Args:
+            observe: Gathers the facts.
+            once: Whether one observation is enough, as of a recording.
+            wanted: Whether someone looks; if nobody does, nothing is observed.
+        """
+        self._observe = observe
+        self._once = once
+        self._wanted = wanted
+        self._closed = threading.Event()
+        self._found: list[Finding] | None = None
+        self._thread = threading.Thread(target=self._run, name="zenoh-tf view: doctor", daemon=True)
+        self._thread.start()
+
+    @property
+    def found(self) -> list[Finding] | None:
+        """The faults; None before the first observation has ended."""
+        return self._found
+
+    def of_frames(self) -> Mapping[str, str]:
+        """Return the title of the first fault of each frame that has one."""
+        titles: dict[str, str] = {}
+        for finding in self._found or ():
+            titles.setdefault(finding.subject, finding.fault.title)
+        return titles
+
+    def of(self, frame: str) -> list[Finding]:
+        """Return the faults of one frame."""
+        return [finding for finding in self._found or () if finding.subject == frame]
+
+    def close(self) -> None:
+        """Observe no more, and wait until the thread has ended."""
+        self._closed.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closed.is_set():
+            if self._wanted():
+                try:
+                    facts = self._observe(self._closed.is_set)
+                    self._found = diagnose(facts)
+                except (TransformException, CommandError):
+                    # The server is away, which the viewer says; the faults are as they were.
+                    pass
+                else:
+                    if self._once:
+                        return
+            self._closed.wait(_PAUSE_S if self._found is not None else 0.5)
