@@ -188,15 +188,15 @@ def test_a_recording_that_no_one_prepared(zenoh_tf: Run) -> None:
 
 def test_the_velocity_in_a_recording(zenoh_tf: Run, recording: Path) -> None:
     path = str(recording)
-    asked = ("velocity", "base", "odom", path, "--interval", "100ms")
+    asked = ("velocity", path, "base", "odom", "--interval", "100ms")
     answer = document(zenoh_tf(*asked, "--at", "+500ms", "--json"))
     assert answer["linear"] == pytest.approx([50, 0, 0])
     assert answer["stamp_ns"] == 7_500_000_000
     assert "m/s" in succeeds(zenoh_tf(*asked))
-    static = succeeds(zenoh_tf("velocity", "camera", "base", path))
+    static = succeeds(zenoh_tf("velocity", path, "camera", "base"))
     assert static.splitlines()[1].split() == ["time", "static"]
     assert "time         static" in succeeds(zenoh_tf("query", path, "base", "camera"))
     line = refusal(zenoh_tf(*asked, "--at", "10s"))
     assert "the stamp 10.000000000 s, but the recording is from" in line
-    line = refusal(zenoh_tf("velocity", "base", "nowhere", path))
+    line = refusal(zenoh_tf("velocity", path, "base", "nowhere"))
     assert "LookupException" in line

@@ -190,21 +190,21 @@ def test_angles_do_not_jump() -> None:
 
 def test_what_it_prints(recording: Path, tmp_path: Path, capsys: Any) -> None:
     out = str(tmp_path / "x.pdf")
-    done = call(capsys, "plot", "map", "wheel", str(recording), "--out", out)
+    done = call(capsys, "plot", str(recording), "map", "wheel", "--out", out)
     assert done.returncode == 0
     first, second = done.stdout.splitlines()
     assert re.fullmatch(
         rf"{re.escape(out)}: 2,000 lookups over 8.0 s, age \S+ ms \(median\), 2.0 s at most", first
     )
     assert re.match(r"\d+ lookups without an answer; the last: extrapolation into the past", second)
-    args = ("plot", "base_link", "camera", str(recording), "--out", out, "--json")
+    args = ("plot", str(recording), "base_link", "camera", "--out", out, "--json")
     document = json.loads(call(capsys, *args).stdout)
     assert (document["failed"], document["median_age_s"]) == (0, None)
 
 
 def test_two_pairs_and_their_error(recording: Path, tmp_path: Path, capsys: Any) -> None:
     out = str(tmp_path / "x.svg")
-    args = ("plot", "map", "base_link", str(recording), "--pair", "map", "camera", "--out", out)
+    args = ("plot", str(recording), "map", "base_link", "--pair", "map", "camera", "--out", out)
     done = call(capsys, *args, "--error", "--start", "+1s", "--end", "5s")
     first, second, third = done.stdout.splitlines()
     assert first.startswith(f"{out}: 2,000 lookups over 3.0 s, age ")
@@ -237,16 +237,20 @@ def test_two_pairs_and_their_error(recording: Path, tmp_path: Path, capsys: Any)
         (("--start", "+3s", "--end", "+2s"), 1, "--end (3.000000000 s) is before 4.000000000 s"),
         (("--out", "/nowhere/x.png"), 1, "/nowhere/x.png: there is no folder /nowhere"),
         (("--out", "/proc/x.png"), 1, "/proc/x.png: "),
-        (("nowhere.mcap",), 1, "nowhere.mcap: no such file"),
     ],
 )
 def test_wrong_arguments(
     args: tuple[str, ...], code: int, message: str, recording: Path, capsys: Any
 ) -> None:
-    file = () if args[0] == "nowhere.mcap" else (str(recording),)
-    done = call(capsys, "plot", "map", "wheel", *file, *args)
+    done = call(capsys, "plot", str(recording), "map", "wheel", *args)
     assert (done.returncode, done.stdout) == (code, "")
     assert message in done.stderr
+
+
+def test_a_recording_that_is_not_there(capsys: Any) -> None:
+    done = call(capsys, "plot", "nowhere.mcap", "map", "wheel")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "nowhere.mcap: no such file" in done.stderr
 
 
 def test_times_belong_to_a_recording(capsys: Any) -> None:
@@ -257,7 +261,7 @@ def test_times_belong_to_a_recording(capsys: Any) -> None:
 
 def test_a_pair_that_never_has_an_answer(recording: Path, tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / "x.png"
-    done = call(capsys, "plot", "map", "nowhere", str(recording), "--out", str(out))
+    done = call(capsys, "plot", str(recording), "map", "nowhere", "--out", str(out))
     assert done.returncode == 1
     assert done.stderr.startswith("zenoh-tf: LookupException: ")
     assert not out.exists()

@@ -37,11 +37,11 @@ def add(commands: Commands) -> None:
         "library of zenoh-tf[plot], and for FILE those of zenoh-tf[recordings].",
         "zenoh-tf plot map base_link",
         "zenoh-tf plot map base_link --velocity --for 1min --out base.png",
-        "zenoh-tf plot map base_link run.mcap --start +2s --end -1s",
-        "zenoh-tf plot map base_link run.mcap --pair map truth --error",
+        "zenoh-tf plot run.mcap map base_link --start +2s --end -1s",
+        "zenoh-tf plot run.mcap map base_link --pair map truth --error",
     )
-    add_frames(plot)
     add_optional_file(plot)
+    add_frames(plot)
     plot.add_argument(
         "--pair",
         nargs=2,

@@ -49,12 +49,12 @@ def add(commands: Commands) -> None:
         "a time. Without --at: around the latest common time, the newest that every link between "
         "them can serve. FILE needs the libraries of zenoh-tf[recordings].",
         "zenoh-tf velocity base_link map",
-        "zenoh-tf velocity base_link map run.mcap --at +10s",
+        "zenoh-tf velocity run.mcap base_link map --at +10s",
         "zenoh-tf velocity base_link map --interval 500ms --reference base_link",
     )
+    add_optional_file(velocity)
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
-    add_optional_file(velocity)
     recorded.add_at(velocity)
     velocity.add_argument(
         "--interval",
