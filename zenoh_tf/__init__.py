@@ -28,9 +28,11 @@ from zenoh_tf.errors import (
     ServerUnavailable,
     ServiceException,
     TimeoutException,
+    TooUncertain,
     TransactionConflict,
     TransformException,
 )
+from zenoh_tf.estimate import Estimate, EstimateArray
 from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
 from zenoh_tf.introspection import native_signatures
@@ -57,6 +59,8 @@ __all__ = [
     "ClientInfo",
     "ConnectivityException",
     "Dropped",
+    "Estimate",
+    "EstimateArray",
     "Explanation",
     "ExtrapolationException",
     "ForwardExtrapolationException",
@@ -82,6 +86,7 @@ __all__ = [
     "StampedTransform",
     "TimeJump",
     "TimeoutException",
+    "TooUncertain",
     "TransactionConflict",
     "Transform",
     "TransformArray",

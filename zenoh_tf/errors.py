@@ -8,7 +8,8 @@
     ├── ExtrapolationException              a link has no data for the requested time
     │   ├── NoDataForExtrapolationException     it holds a single sample, at another time
     │   ├── BackwardExtrapolationException      the time is older than its oldest sample
-    │   └── ForwardExtrapolationException       the time is newer than its newest sample
+    │   ├── ForwardExtrapolationException       the time is newer than its newest sample
+    │   └── TooUncertain                        an estimate's error may exceed the caller's limit
     ├── TransactionConflict                 a frame that a transaction read has changed since
     ├── LimitExceeded                       a documented limit is reached
     └── ServiceException                    the service failed, not the tree
@@ -22,7 +23,8 @@
         └── ReplicaBehind                   a replica lacks what its client must see
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
-apply is ``None``. The classes up to the extrapolation errors are tf2's.
+apply is ``None``. The classes up to the extrapolation errors are tf2's, except
+`TooUncertain`.
 """
 
 from __future__ import annotations
@@ -46,6 +48,9 @@ FACTS = {
     "limit": "the limit that is reached",
     "value": "the value at fault",
     "retry_after_s": "server busy: try again after this many seconds",
+    "error_m": "an estimate's bound of the error of the position, metres",
+    "error_rad": "an estimate's bound of the error of the orientation, radians",
+    "by_ns": "how far an estimate carries a link beyond its newest sample, nanoseconds",
 }
 
 
@@ -71,9 +76,12 @@ class TransformException(Exception):
     oldest_stamp_ns: int | None = None
     newest_stamp_ns: int | None = None
     field: str | None = None
-    limit: int | None = None
+    limit: int | float | None = None
     value: int | float | str | None = None
     retry_after_s: float | None = None
+    error_m: float | None = None
+    error_rad: float | None = None
+    by_ns: int | None = None
 
     def __init__(self, message: str = "", **facts: object) -> None:
         super().__init__(cut(message, MAX_MESSAGE_CHARS))
@@ -220,6 +228,13 @@ class ReplicaBehind(ServiceException):
     code = 20
 
 
+class TooUncertain(ExtrapolationException):
+    """An estimate may be wrong by more than the caller accepts. `error_m`, `error_rad` and `by_ns`
+    are the estimate's, `limit` is the one exceeded, and the link is the one that adds most."""
+
+    code = 21
+
+
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
@@ -244,6 +259,7 @@ BY_CODE: dict[int, type[TransformException]] = {
         AccessDenied,
         NotDurable,
         ReplicaBehind,
+        TooUncertain,
     )
 }
 

@@ -1,0 +1,202 @@
+"""Poses with bounds of their errors, and the refusal of those that are too uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from zenoh_tf._core import Transform
+from zenoh_tf.errors import TooUncertain, must_be
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Names = str | Sequence[str] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A pose at a time, mostly beyond the newest samples, with bounds of its errors.
+
+    The bounds are those of the same question about past instants, whose answers are known by now;
+    docs/how-to/estimate.md says what they promise, and what they do not.
+
+    Attributes:
+        target_frame: Frame in which the pose is.
+        source_frame: Frame whose pose it is.
+        transform: ``X_target_source`` at `stamp_ns`, in metres.
+        stamp_ns: Time of the pose in nanoseconds.
+        error_m: Bound of the position's error in metres, at the origin of the source frame, or at
+            all points within the radius asked for. Infinite if there is nothing to compare with.
+        error_rad: Bound of the orientation's error in radians.
+        level: Share of the answers that are within both bounds. Below the level asked for if the
+            history is too short.
+        backtests: Number of independent past instants that the bounds rest on.
+        basis: ``"backtest"``; ``"limits"`` if all links that move have declared limits of motion,
+            so that the bounds are guaranteed; ``"static"`` if no link moves.
+        by_ns: How far the worst link is carried beyond its newest sample, in nanoseconds; 0 if all
+            links are interpolated.
+        limiting_link: Parent and child of the link that adds most to the error; None if none does.
+        predictor: How each link beyond its newest sample is carried on, by its child: ``"hold"`` or
+            ``"twist"``.
+    """
+
+    target_frame: str
+    source_frame: str
+    transform: Transform
+    stamp_ns: int
+    error_m: float
+    error_rad: float
+    level: float
+    backtests: int
+    basis: str
+    by_ns: int
+    limiting_link: tuple[str, str] | None
+    predictor: dict[str, str]
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Estimate:
+        """Return the instance of a map of the fields, whose transform is a list.
+
+        Args:
+            record: Values by field name, from the native tree or a server; the transform is x, y,
+                z in metres, qx, qy, qz, qw.
+        """
+        values = {name: record[name] for name in cls.__slots__}
+        values["transform"] = Transform.from_pose(values["transform"])
+        if (link := values["limiting_link"]) is not None:
+            parent, child = link
+            values["limiting_link"] = parent, child
+        return cls(**values)
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class EstimateArray:
+    """Estimates as columns, one per row. A row that failed has the code of its error in `status`,
+    and NaN.
+
+    Attributes:
+        status: (n,) uint8, 0 or the code of an error (`zenoh_tf.errors.BY_CODE`).
+        stamps_ns: (n,) int64, the time of each pose in nanoseconds.
+        poses: (n, 7) float64 rows x, y, z (metres), qx, qy, qz, qw.
+        error_m: (n,) float64, bounds of the positions' errors in metres.
+        error_rad: (n,) float64, bounds of the orientations' errors in radians.
+        level: (n,) float64, the share of answers within both bounds.
+        backtests: (n,) int64, the number of past instants that the bounds rest on.
+        by_ns: (n,) int64, how far the worst link is carried beyond its newest sample, nanoseconds.
+        targets: The targets' names: one for all rows, or (n,); None if unknown.
+        sources: The sources' names, in the same form.
+    """
+
+    status: NDArray[np.uint8]
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    error_m: NDArray[np.float64]
+    error_rad: NDArray[np.float64]
+    level: NDArray[np.float64]
+    backtests: NDArray[np.int64]
+    by_ns: NDArray[np.int64]
+    targets: Names = None
+    sources: Names = None
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """(n,) True for the rows that have an estimate."""
+        return self.status == 0
+
+    def columns(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays, in the order of the fields."""
+        return (
+            *(self.status, self.stamps_ns, self.poses, self.error_m, self.error_rad),
+            *(self.level, self.backtests, self.by_ns),
+        )
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __repr__(self) -> str:
+        failed = len(self) - int(self.ok.sum())
+        return f"EstimateArray({len(self)} rows{f', {failed} failed' if failed else ''})"
+
+
+def max_by_ns(max_by_s: float) -> int:
+    """Return how far links may be carried on, in nanoseconds.
+
+    Args:
+        max_by_s: Seconds, from 0 to 1e9.
+
+    Raises:
+        InvalidArgumentException: The number is out of that range.
+    """
+    if not 0 <= max_by_s <= 1e9:
+        raise must_be("max_by_s", "from 0 to 1e9 seconds", max_by_s)
+    return round(max_by_s * 1e9)
+
+
+def check(
+    estimate: Estimate,
+    max_error_m: float | None,
+    max_error_rad: float | None,
+    min_level: float | None,
+) -> Estimate:
+    """Return the estimate if its errors are within the limits.
+
+    Args:
+        estimate: The estimate.
+        max_error_m: Largest error of the position in metres; None for any.
+        max_error_rad: Largest error of the orientation in radians; None for any.
+        min_level: The level that it must have if there is a limit; None for any.
+
+    Raises:
+        TooUncertain: An error may be larger than its limit, or the level is too low.
+        InvalidArgumentException: A limit is negative, or the level not between 0 and 1.
+    """
+    limits = {
+        "max_error_m": (max_error_m, estimate.error_m, "m"),
+        "max_error_rad": (max_error_rad, estimate.error_rad, "rad"),
+    }
+    for field, (limit, _, _) in limits.items():
+        if limit is not None and not limit >= 0:
+            raise must_be(field, "0 or more", limit)
+    if min_level is not None and not 0 < min_level < 1:
+        raise must_be("min_level", "above 0 and below 1", min_level)
+    for field, (limit, error, unit) in limits.items():
+        if limit is not None and not error <= limit:
+            raise _too_uncertain(
+                estimate, f"may be off by {error:.3g} {unit}, above {field} of {limit:.3g}", limit
+            )
+    asked = max_error_m is not None or max_error_rad is not None
+    if asked and min_level is not None and estimate.level < min_level:
+        why = f"{estimate.backtests} backtests support the level {estimate.level:.4g} only"
+        raise _too_uncertain(
+            estimate,
+            f"is not sure enough: {why}, below {min_level:.4g}; a longer history (cache_time_s) or "
+            "a lower min_level helps",
+            min_level,
+        )
+    return estimate
+
+
+def _too_uncertain(estimate: Estimate, why: str, limit: float) -> TooUncertain:
+    facts: dict[str, object] = {}
+    message = f"{estimate.source_frame!r} in {estimate.target_frame!r} {why}"
+    if estimate.limiting_link is not None:
+        facts["parent_frame"], facts["frame"] = estimate.limiting_link
+        message += "; most of it comes from the link from {!r} to {!r}".format(
+            *estimate.limiting_link
+        )
+    return TooUncertain(
+        f"{message}, carried on by at most {estimate.by_ns / 1e6:.4g} ms",
+        target_frame=estimate.target_frame,
+        source_frame=estimate.source_frame,
+        stamp_ns=estimate.stamp_ns,
+        error_m=estimate.error_m,
+        error_rad=estimate.error_rad,
+        limit=limit,
+        by_ns=estimate.by_ns,
+        **facts,
+    )
