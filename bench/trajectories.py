@@ -1,0 +1,251 @@
+"""Simulated robots whose pose is known exactly at any time, and their samples as a tree gets them:
+late, jittered, noisy and with gaps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from zenoh_tf import StampedTransform, Transform, TransformArray, TransformTree
+
+Array = NDArray[np.float64]
+#: Poses of a child in its parent, (n, 7), at times in seconds, (n,).
+Motion = Callable[[Array], Array]
+STEP_S = 0.005
+#: How often a base starts that rests most of the time.
+STARTS_EVERY_S = 18.0
+
+
+@dataclass(frozen=True)
+class Feed:
+    """The samples of one link, in the order of their stamps."""
+
+    parent: str
+    child: str
+    motion: Motion
+    stamps_s: Array
+    arrivals_s: Array
+    poses: Array
+
+    def newest(self, times_s: Array) -> NDArray[np.int64]:
+        """At each time the row of the newest sample that has arrived."""
+        order = np.argsort(self.arrivals_s, kind="stable")
+        arrived = np.searchsorted(self.arrivals_s[order], times_s, "right") - 1
+        return np.asarray(np.maximum.accumulate(order)[np.maximum(arrived, 0)])
+
+    def carried(self, times_s: Array, twist: bool) -> TransformArray:
+        """What is usual without `estimate_transform`: the newest pose, or that pose carried on by
+        the velocity between the last two samples."""
+        now = self.newest(times_s)
+        poses = _array(self.poses[now])
+        if not twist:
+            return poses
+        before = np.maximum(now - 1, 0)
+        step_s = np.maximum(self.stamps_s[now] - self.stamps_s[before], 1e-9)
+        share = ((times_s - self.stamps_s[now]) / step_s)[:, None]
+        moved = _array(self.poses[before]).inverse() @ poses
+        turn = _turn(share * rotation_vectors(moved.rotations))
+        carried = poses.poses.copy()
+        carried[:, :3] += share * (carried[:, :3] - self.poses[before, :3])
+        carried[:, 3:] = (poses @ _array(np.hstack([np.zeros((len(turn), 3)), turn]))).rotations
+        return _array(carried)
+
+
+@dataclass
+class Scenario:
+    """A robot: the links from a target to a source, in order. The last one is static."""
+
+    name: str
+    feeds: list[Feed]
+    mount: Transform = field(default_factory=lambda: Transform((0.3, 0, 0.4)))
+    fed: int = 0
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Target and source."""
+        return self.feeds[0].parent, "tool"
+
+    def prepare(self, cache_time_s: float) -> TransformTree:
+        """An empty tree for `feed`."""
+        tree = TransformTree(cache_time_s=cache_time_s, max_samples_per_frame=1 << 20)
+        mount = StampedTransform(self.feeds[-1].child, "tool", 0, self.mount)
+        tree.set_transform(mount, static=True)
+        arrivals = np.concatenate([feed.arrivals_s for feed in self.feeds])
+        order = np.argsort(arrivals, kind="stable")
+        samples = [
+            StampedTransform(feed.parent, feed.child, stamp, Transform(pose[:3], pose[3:]))
+            for feed in self.feeds
+            for stamp, pose in zip(nanoseconds(feed.stamps_s), feed.poses, strict=True)
+        ]
+        self._arrivals_s, self._samples = arrivals[order], [samples[i] for i in order]
+        self.fed = 0
+        return tree
+
+    def feed(self, tree: TransformTree, until_s: float) -> None:
+        """Store what arrives by a time."""
+        end = int(np.searchsorted(self._arrivals_s, until_s, "right"))
+        if end > self.fed:
+            tree.set_transforms_xact(self._samples[self.fed : end])
+        self.fed = end
+
+    def truth(self, times_s: Array) -> Array:
+        """The exact poses of source in target."""
+        return self._chain([_array(feed.motion(times_s)) for feed in self.feeds])
+
+    def carried(self, times_s: Array, twist: bool) -> Array:
+        """See `Feed.carried`."""
+        return self._chain([feed.carried(times_s, twist) for feed in self.feeds])
+
+    def _chain(self, links: list[TransformArray]) -> Array:
+        return (reduce(lambda a, b: a @ b, links) @ self.mount).poses
+
+
+def nanoseconds(times_s: Array) -> list[int]:
+    """Stamps from seconds."""
+    found: list[int] = np.round(times_s * 1e9).astype(np.int64).tolist()
+    return found
+
+
+def errors(found: Array, truth: Array) -> tuple[Array, Array]:
+    """Metres and radians between poses, row by row."""
+    apart = (_array(truth).inverse() @ _array(found)).rotations
+    metres = np.linalg.norm(found[:, :3] - truth[:, :3], axis=1)
+    return metres, np.linalg.norm(rotation_vectors(apart), axis=1)
+
+
+def rotation_vectors(quaternions: Array) -> Array:
+    """(n, 3) of unit quaternions (n, 4)."""
+    q = np.where(quaternions[:, 3:] < 0, -quaternions, quaternions)
+    sine = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[:, 3:])
+    return np.asarray(q[:, :3] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2))
+
+
+def driving(
+    rng: np.random.Generator,
+    seconds: float,
+    speed: float = 1.0,
+    acceleration: float = 1.0,
+    stops: float = 0.3,
+    stop_s: float = 3.0,
+    sudden: float = 0.0,
+) -> Motion:
+    """A base in a hall: segments of constant speed and turn rate, which it reaches with a limited
+    acceleration (m/s2, twice that in rad/s2). 10 m from the middle it turns back. `stops` is the
+    share of segments in which it stands, `sudden` of those that begin as if it hit something."""
+    count, end = int(seconds / STEP_S) + 2, 0
+    places = np.zeros((count, 3))
+    x = y = heading = forward = turn = 0.0
+    for i in range(count):
+        if i >= end:
+            stands, gain = rng.random() < stops, 20 if rng.random() < sudden else 1
+            lasts_s = rng.uniform(1, stop_s) if stands else rng.uniform(1.5, 6)
+            wanted = 0.0 if stands else speed * rng.uniform(0.2, 1)
+            curve = 0.0 if stands or rng.random() < 0.4 else rng.uniform(-1, 1)
+            end, most = i + int(lasts_s / STEP_S), acceleration * gain * STEP_S
+        if wanted and x * x + y * y > 100:
+            home = math.remainder(math.atan2(-y, -x) - heading, math.tau)
+            curve = min(1.0, max(-1.0, home))
+        forward += min(most, max(-most, wanted - forward))
+        turn += min(2 * most, max(-2 * most, curve - turn))
+        heading += turn * STEP_S
+        x, y = x + forward * math.cos(heading) * STEP_S, y + forward * math.sin(heading) * STEP_S
+        places[i] = x, y, heading
+    return _in_plane(places)
+
+
+def starting(seconds: float) -> Motion:
+    """A base that rests and, every `STARTS_EVERY_S`, drives for the last 3 s of that time, with
+    1 m/s2 to 1 m/s and back."""
+    phase = np.arange(0, seconds + STEP_S, STEP_S) % STARTS_EVERY_S - (STARTS_EVERY_S - 3)
+    speed = np.clip(np.minimum(phase, 3 - phase), 0, 1)
+    return _in_plane(np.stack([np.cumsum(speed) * STEP_S, 0 * speed, 0 * speed], axis=1))
+
+
+def drifting(rng: np.random.Generator, seconds: float) -> Motion:
+    """The correction of odometry: a smooth random walk in the plane, some millimetres a second."""
+    steps = rng.normal(size=(int(seconds / STEP_S) + 200, 3)) * [6e-4, 6e-4, 2e-4]
+    walk = np.cumsum(steps, axis=0)
+    smooth = [np.convolve(column, np.ones(100) / 100, "valid") for column in walk.T]
+    return _in_plane(np.array(smooth).T)
+
+
+def swinging(
+    rng: np.random.Generator, seconds: float, offset: tuple[float, ...], axis: int, most: float
+) -> Motion:
+    """A joint that moves from angle to angle in 0.6 to 1.5 s, with a smooth start and end, and
+    rests for up to a second."""
+    angles, angle = [np.zeros(1)], 0.0
+    left = int(seconds / STEP_S) + 2
+    while left > 0:
+        to, steps = rng.uniform(-most, most), int(rng.uniform(0.6, 1.5) / STEP_S)
+        s = np.arange(1, steps + 1) / steps
+        angles.append(angle + (to - angle) * (10 * s**3 - 15 * s**4 + 6 * s**5))
+        angles.append(np.full(int(rng.uniform(0, 1) / STEP_S), to))
+        left -= len(angles[-1]) + len(angles[-2])
+        angle = to
+    path = np.concatenate(angles)
+
+    def motion(times_s: Array) -> Array:
+        half = np.interp(times_s, np.arange(len(path)) * STEP_S, path) / 2
+        poses = np.tile([*offset, 0.0, 0.0, 0.0, 0.0], (len(half), 1))
+        poses[:, 3 + axis], poses[:, 6] = np.sin(half), np.cos(half)
+        return np.asarray(poses)
+
+    return motion
+
+
+def sampled(
+    rng: np.random.Generator,
+    names: tuple[str, str],
+    motion: Motion,
+    seconds: float,
+    *,
+    hz: float,
+    late_s: float,
+    jitter_s: float = 0.0,
+    lost: float = 0.0,
+    noise: tuple[float, float] = (0.0, 0.0),
+    clock_s: float = 0.0,
+) -> Feed:
+    """Samples of a link: each arrives `late_s` after it was measured and a random time of mean
+    `jitter_s` later; a share is lost; noise is in metres and radians, and `clock_s` is by how much
+    the clock that stamps them is ahead."""
+    times_s = np.arange(rng.uniform(0, 1 / hz), seconds, 1 / hz)
+    times_s = times_s[rng.random(len(times_s)) >= lost]
+    count = len(times_s)
+    off = np.hstack([noise[0] * rng.normal(size=(count, 3)), np.zeros((count, 4))])
+    turned = np.hstack([np.zeros((count, 3)), _turn(noise[1] * rng.normal(size=(count, 3)))])
+    poses = (_array(motion(times_s) + off) @ _array(turned)).poses
+    arrivals_s = times_s + late_s + rng.exponential(1, count) * jitter_s
+    return Feed(*names, motion, times_s + clock_s, arrivals_s, poses)
+
+
+def _in_plane(places: Array) -> Motion:
+    """From x, y (metres) and heading at each step."""
+    times = np.arange(len(places)) * STEP_S
+
+    def motion(times_s: Array) -> Array:
+        x, y, heading = (np.interp(times_s, times, column) for column in places.T)
+        zero = np.zeros_like(x)
+        return np.stack([x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2)], axis=1)
+
+    return motion
+
+
+def _turn(vectors: Array) -> Array:
+    """Quaternions of rotation vectors."""
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    scale = np.sinc(angle / 2 / np.pi) / 2
+    return np.hstack([vectors * scale, np.cos(angle / 2)])
+
+
+def _array(poses: Array) -> TransformArray:
+    count: Any = len(poses)
+    return TransformArray(np.zeros(count, np.uint8), np.zeros(count, np.int64), poses)
