@@ -10,7 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from bench import machine
-from bench.parts import asynchronous, crowd, mirrors, native, readers, reads, sensors, service
+from bench.parts import (
+    asynchronous,
+    crowd,
+    estimate,
+    mirrors,
+    native,
+    readers,
+    reads,
+    sensors,
+    service,
+)
 from bench.report import Report
 
 #: The parts that need no Python package, together named "core".
@@ -33,6 +43,7 @@ PARTS = CORE | {
     "async": asynchronous.measure,
     "sizing": service.sizing,
     "crowd": crowd.measure,
+    "estimate": estimate.measure,
 }
 #: A higher load average spoils results.
 MAX_LOAD = 1.0

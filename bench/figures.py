@@ -26,6 +26,10 @@ BLUE, ORANGE, PALE = "#0072B2", "#D55E00", "#7FB8DA"
 plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
 # The same picture makes the same file; text stays text, which is small and can be searched.
 plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
+#: Colors of many series, which the color-blind can tell apart.
+COLORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6B8E4E", "#000000")
+#: Stands for none where an axis is logarithmic.
+LEAST_PERCENT = 0.01
 #: A bar's group, its system, its color, its length, and the two ends of the line on it.
 Bar = tuple[str, str, str, float, float, float]
 
@@ -100,6 +104,51 @@ def reads(results: Results) -> Figure:
     axes.set_xlim(0.05, 5 * max(bar[5] for bar in bars))
     axes.set_xlabel("time of a lookup over 4 links from Python, µs")
     _finish(axes, "A lookup, by where it is answered")
+    return figure
+
+
+def estimate_coverage(results: Results) -> Figure:
+    """How many truths were outside the bounds, beside how many may be."""
+    figure, axes = plt.subplots(figsize=(7.5, 5))
+    rows = [row for row in results.rows("estimate", system="estimate") if "attained" in row]
+    rows.sort(key=operator.itemgetter("level"))
+    promised = sorted({100 * (1 - row["level"]) for row in rows})
+    axes.plot(promised, promised, color="#999999", linewidth=1, label="as many as promised")
+    names = dict.fromkeys(row["scenario"] for row in rows)
+    for name, color, marker in zip(names, COLORS, "os^vDPX*", strict=False):
+        members = [row for row in rows if row["scenario"] == name]
+        outside = [max(row["outside_percent"][1], LEAST_PERCENT) for row in members]
+        levels = [100 * (1 - row["level"]) for row in members]
+        axes.plot(levels, outside, marker=marker, color=color, linewidth=1, label=name)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xticks(promised, [f"{100 - share:.3g} %" for share in promised])
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
+    axes.invert_xaxis()
+    axes.set_xlabel("level")
+    axes.set_ylabel(f"truths outside the bounds ({LEAST_PERCENT:g} %: none)")
+    _finish(axes, "On and below the grey line the promise is kept")
+    return figure
+
+
+def estimate_start(results: Results) -> Figure:
+    """The bound and the error of a base that has stood still, starts, and stops again."""
+    figure, axes = plt.subplots(figsize=(7.5, 4.8))
+    axes.axvspan(0, 3, color="#eeeeee", label="it drives")
+    for system, name, color in (
+        ("estimate, limits", "bound with declared limits of motion", BLUE),
+        ("estimate", "bound from history alone", ORANGE),
+    ):
+        rows = results.rows("estimate", scenario="a start and a stop", system=system)
+        rows.sort(key=operator.itemgetter("seconds"))
+        times = [row["seconds"] for row in rows]
+        axes.plot(times, [row["bound_mm"][1] for row in rows], color=color, label=name)
+    errors = [row["error_mm"][1] for row in rows]
+    axes.fill_between(times, errors, color="#555555", linewidth=0, label="true error")
+    axes.set_xlabel("seconds since it started, after 15 s of rest")
+    axes.set_ylabel("mm")
+    axes.set_ylim(bottom=0)
+    _finish(axes, "Level 0.9, samples at 20 Hz that are 80 ms late")
     return figure
 
 
@@ -211,6 +260,8 @@ def draw(results: Results, folder: Path) -> None:
         (delay, "delay", True),
         (staleness, "staleness", False),
         (reads, "reads", False),
+        (estimate_coverage, "estimate", False),
+        (estimate_start, "estimate", False),
     ):
         figure = figure_of(results)
         figure.tight_layout(rect=(0, 0.07, 1, 1))

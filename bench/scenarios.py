@@ -50,21 +50,21 @@ def link(
 
 
 SCENARIOS: dict[str, Make] = {
-    "base, 10 and 50 Hz, 20 and 80 ms late": driven,
-    "base with an arm at 200 Hz": base_and_arm,
-    "arm at 200 Hz, 5 ms late": arm,
-    "steady drive, 30 Hz, 60 ms late": link(30, 0.06, stops=0.0, acceleration=0.3),
-    "sudden stops, 20 Hz, 60 ms late": link(20, 0.06, sudden=0.6),
-    "long stops, 20 Hz, 80 ms late": link(20, 0.08, stops=0.5, stop_s=18.0),
-    "camera, 30 Hz, 100 ms late, 20 % lost": link(30, 0.1, lost=0.2, noise_m=3e-3, speed=0.5),
-    "wireless, 10 Hz, 400 ms late": link(10, 0.36, lost=0.1),
+    "corrected odometry": driven,
+    "arm on a base": base_and_arm,
+    "arm": arm,
+    "steady drive": link(30, 0.06, stops=0.0, acceleration=0.3),
+    "sudden stops": link(20, 0.06, sudden=0.6),
+    "long stops": link(20, 0.08, stops=0.5, stop_s=18.0),
+    "camera": link(30, 0.1, lost=0.2, noise_m=3e-3, speed=0.5),
+    "wireless": link(10, 0.36, lost=0.1),
 }
-AT_REST = "the first 0.3 s after 15 s at rest"
+AT_REST = "start after a rest"
 LOSING: dict[str, Make] = {
     AT_REST: lambda rng, seconds: [
         sampled(
             rng, ("odom", "base"), starting(seconds), seconds, hz=20, late_s=0.08, noise=(1e-3, 0)
         )
     ],
-    "the wheels' clock 20 ms ahead": partial(driven, clock_s=0.02),
+    "clock 20 ms ahead": partial(driven, clock_s=0.02),
 }

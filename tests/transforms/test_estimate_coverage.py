@@ -1,0 +1,90 @@
+"""The truth is within an estimate's bounds as often as the estimate says: a short version of the
+benchmark's part ``estimate``, with fixed seeds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bench.parts.estimate import SYSTEMS, Answers, ask
+from bench.scenarios import AT_REST, LOSING, SCENARIOS
+from bench.trajectories import STARTS_EVERY_S, Array, Scenario, errors
+from tests.support import recorded
+from zenoh_tf import TransformTree
+
+QUESTIONS = 400
+
+
+def check(found: Answers) -> None:
+    """Within the bounds at least as often as said, less three standard deviations."""
+    level = float(found.levels.mean())
+    margin = 3 * math.sqrt(level * (1 - level) / len(found.levels))
+    assert found.within.mean() >= level - margin
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_truth_is_within_the_bounds(name: str) -> None:
+    rng = np.random.default_rng(5)
+    scenario = Scenario(name, SCENARIOS[name](rng, 50.0))
+    times_s = np.sort(rng.uniform(15, 49, QUESTIONS))
+    answers = ask(scenario, times_s, (0.9, 0.99), history_s=10.0)
+    check(answers[0.9])
+    check(answers[0.99])
+    assert np.all(answers[0.9].levels == 0.9)
+    # Ten seconds have too few independent residuals for 0.99, and the answers say so.
+    assert np.all(answers[0.99].levels < 0.99)
+    # A bound that holds because it is absurd would be no use.
+    metres = answers[0.9].errors[0]
+    assert np.median(answers[0.9].bounds[:, 0]) <= 12 * max(np.median(metres), 0.002)
+
+
+def test_a_minute_of_history_supports_a_level_of_99_percent() -> None:
+    rng = np.random.default_rng(6)
+    name = "sudden stops"
+    scenario = Scenario(name, SCENARIOS[name](rng, 110.0))
+    found = ask(scenario, np.sort(rng.uniform(70, 109, QUESTIONS)), (0.99,), history_s=70.0)[0.99]
+    assert np.all(found.levels == 0.99)
+    check(found)
+
+
+def test_history_does_not_know_a_start_but_declared_limits_do() -> None:
+    rng = np.random.default_rng(7)
+    scenario = Scenario(AT_REST, LOSING[AT_REST](rng, 120.0))
+    starts_s = STARTS_EVERY_S * np.arange(2, 6)[:, None] - 3
+    times_s = (starts_s + np.linspace(0.1, 0.3, 20)).ravel()
+    history = ask(scenario, times_s, (0.9,), 10.0)[0.9]
+    assert history.within.mean() < 0.9
+    limits = ask(scenario, times_s, (0.9,), 10.0, SYSTEMS["estimate, limits"])[0.9]
+    assert limits.within.all()
+
+
+@recorded.needs_recording
+@pytest.mark.parametrize("target", ["map", "odom"])
+def test_a_recorded_robot_is_within_the_bounds(target: str) -> None:
+    """The odometry arrives 20 to 150 ms late; the truth is what the whole recording says."""
+    rng = np.random.default_rng(8)
+    whole = TransformTree.from_recording(recorded.RUN)
+    tree = TransformTree()
+    rows = []
+    begin_ns = clock_ns = 0
+    for static, stampeds in recorded.transforms():
+        for stamped in stampeds:
+            tree.set_transform(stamped, static=static)
+            if stamped.child_frame == "base_link":
+                clock_ns = stamped.stamp_ns
+                begin_ns = begin_ns or clock_ns
+        ask_ns = clock_ns + int(rng.uniform(20e6, 150e6))
+        if clock_ns < begin_ns + 15 * 10**9 or rng.random() > 0.3:
+            continue
+        if not whole.can_transform(target, "base_link", ask_ns):
+            break
+        found = tree.estimate_transform(target, "base_link", ask_ns)
+        truth = whole.lookup_transform(target, "base_link", ask_ns).transform
+        rows.append((*found.transform.pose(), *truth.pose(), found.error_m, found.error_rad))
+    array: Array = np.array(rows)
+    assert len(array) > 800
+    metres, radians = errors(array[:, :7], array[:, 7:14])
+    within = (metres <= array[:, 14]) & (radians <= array[:, 15])
+    assert within.mean() >= 0.9 - 3 * math.sqrt(0.09 / len(array))
