@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from zenoh_tf import _core
 from zenoh_tf._core import Transform
 from zenoh_tf.errors import TooUncertain, must_be
 
@@ -13,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     Names = str | Sequence[str] | None
 
@@ -200,3 +203,135 @@ def _too_uncertain(estimate: Estimate, why: str, limit: float) -> TooUncertain:
         by_ns=estimate.by_ns,
         **facts,
     )
+
+
+class TreeEstimates(_core.Tree):
+    """A base of `TransformTree`: its estimates."""
+
+    def estimate_transform(
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        max_error_m: float | None = None,
+        max_error_rad: float | None = None,
+        min_level: float | None = None,
+        radius_m: float = 0.0,
+    ) -> Estimate:
+        """Estimate the pose of `source` in `target` at a time, now for example, and its error.
+
+        Links are carried on beyond their newest samples. How wrong that may be is measured: the
+        same question is answered for past instants, as far from their data, and compared with
+        what came then. docs/how-to/estimate.md says what the bounds promise, and what they do not.
+
+        Args:
+            target: Frame to express the pose in.
+            source: Frame whose pose is asked for.
+            stamp_ns: Time in nanoseconds; None for now, by this machine's real-time clock.
+            level: Share of answers whose errors are within the bounds, above 0 and below 1. Those
+                above 0.95 need a long history: 0.99 needs a `cache_time_s` of 60.
+            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
+            max_error_m: Largest error of the position to accept, in metres; None for any.
+            max_error_rad: Largest error of the orientation to accept, in radians; None for any.
+            min_level: Level to insist on with a limit, if the history is too short for `level`;
+                None for `level` itself.
+            radius_m: Radius in metres of the body around the origin of `source` whose points
+                `error_m` is to hold for.
+
+        Returns:
+            `X_target_source` in metres, and the bounds of its errors in metres and radians.
+
+        Raises:
+            TooUncertain: An error may be larger than its limit.
+            ForwardExtrapolationException: A link ends more than `max_by_s` before the time.
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: An argument is invalid; `field` names it.
+
+        Example:
+            `tree.estimate_transform("map", "gripper", max_error_m=0.02).transform`
+        """
+        record = self._estimate_record(
+            target, source, stamp_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
+        )
+        least = level if min_level is None else min_level
+        return check(Estimate.from_record(record), max_error_m, max_error_rad, least)
+
+    def estimate_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        radius_m: float = 0.0,
+    ) -> EstimateArray:
+        """Estimate many poses and their errors in one call; each row is its own transaction.
+
+        A row that fails does not raise: its `status` is the error's code, and the rest NaN.
+        Example: `near = tree.estimate_transforms("map", arms, None).error_m < 0.02`
+
+        Args:
+            targets: Frames to express the poses in; one name stands for every row.
+            sources: Frames whose poses are asked for; one name stands for every row.
+            stamps_ns: (n,) times in nanoseconds; one int stands for every row, and None for now,
+                by this machine's real-time clock.
+            level: Share of answers whose errors are within the bounds, above 0 and below 1.
+            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
+            radius_m: Radius in metres of the bodies that `error_m` is to hold for.
+
+        Returns:
+            The estimates of all rows.
+
+        Raises:
+            InvalidArgumentException: An argument is invalid, or the numbers of rows differ.
+        """
+        columns = self._estimate_columns(
+            targets, sources, stamps_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
+        )
+        return EstimateArray(*columns, targets, sources)
+
+    def set_motion_limits(
+        self,
+        child: str,
+        *,
+        max_speed_m_s: float | None = None,
+        max_accel_m_s2: float | None = None,
+        max_rate_rad_s: float | None = None,
+        max_rate_accel_rad_s2: float | None = None,
+    ) -> None:
+        """Declare what the link to a frame can do at most, for `estimate_transform`.
+
+        The bounds of an estimate are then at least what the limits allow in the time that the link
+        is carried on. If all links that move have limits of both kinds, the bounds are guaranteed.
+        Replaces all limits of the frame; without any it has none.
+
+        Args:
+            child: The link's child, which need not exist yet.
+            max_speed_m_s: Speed of its origin in its parent, m/s.
+            max_accel_m_s2: Acceleration of its origin, m/s^2.
+            max_rate_rad_s: Angular velocity, rad/s.
+            max_rate_accel_rad_s2: Angular acceleration, rad/s^2.
+
+        Raises:
+            InvalidArgumentException: The name is invalid, or a limit is negative.
+
+        Example:
+            `tree.set_motion_limits("base_link", max_speed_m_s=1.0, max_rate_rad_s=1.5)`
+        """
+        limits = {
+            "max_speed_m_s": max_speed_m_s,
+            "max_accel_m_s2": max_accel_m_s2,
+            "max_rate_rad_s": max_rate_rad_s,
+            "max_rate_accel_rad_s2": max_rate_accel_rad_s2,
+        }
+        for field, limit in limits.items():
+            if limit is not None and not limit >= 0:
+                raise must_be(field, "0 or more", limit)
+        values = (math.inf if limit is None else limit for limit in limits.values())
+        self._set_motion_limits(child, *values)

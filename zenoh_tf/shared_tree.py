@@ -13,11 +13,13 @@ changed. Where that leaves no answer they return an `AskServer`, which says why.
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from zenoh_tf import _core
 from zenoh_tf._core import AskServer, RegionRefused
 from zenoh_tf.array import TransformArray
+from zenoh_tf.estimate import Estimate, EstimateArray, check, max_by_ns
 from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
@@ -115,6 +117,81 @@ class SharedTree(_core.SharedTree):
             reference_point_frame,
         )
         return record if isinstance(record, AskServer) else Velocity.from_record(record)
+
+    def estimate_transform(
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        max_error_m: float | None = None,
+        max_error_rad: float | None = None,
+        min_level: float | None = None,
+        radius_m: float = 0.0,
+    ) -> Estimate | AskServer:
+        """Estimate a pose and its error; see `TransformTree.estimate_transform`.
+
+        Args:
+            target: Frame to express the pose in.
+            source: Frame whose pose is asked for.
+            stamp_ns: Time in nanoseconds; None for now, by this host's real-time clock.
+            level: Share of answers whose errors are within the bounds, above 0 and below 1.
+            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
+            max_error_m: Largest error of the position to accept, in metres; None for any.
+            max_error_rad: Largest error of the orientation to accept, in radians; None for any.
+            min_level: Level to insist on with a limit; None for `level` itself.
+            radius_m: Radius in metres of the body that `error_m` is to hold for.
+
+        Returns:
+            `X_target_source` in metres, and the bounds of its errors in metres and radians.
+
+        Raises:
+            TooUncertain: An error may be larger than its limit.
+            ForwardExtrapolationException: A link ends more than `max_by_s` before the time.
+            LookupException: A frame does not exist, or the path is longer than `max_depth`.
+            ConnectivityException: No path connects the frames.
+            ExtrapolationException: A link has no data for the time.
+            InvalidArgumentException: An argument is invalid; `field` names it.
+        """
+        record = self._estimate_record(
+            target, source, stamp_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
+        )
+        if isinstance(record, AskServer):
+            return record
+        least = level if min_level is None else min_level
+        return check(Estimate.from_record(record), max_error_m, max_error_rad, least)
+
+    def estimate_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        radius_m: float = 0.0,
+    ) -> EstimateArray | AskServer:
+        """Estimate many poses and their errors; see `TransformTree.estimate_transforms`.
+
+        Args:
+            targets: Frames to express the poses in; one name stands for every row.
+            sources: Frames whose poses are asked for; one name stands for every row.
+            stamps_ns: Times in nanoseconds; None for now, by this host's real-time clock.
+            level: Share of answers whose errors are within the bounds, above 0 and below 1.
+            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
+            radius_m: Radius in metres of the bodies that `error_m` is to hold for.
+
+        Raises:
+            InvalidArgumentException: An argument is invalid, or the numbers of rows differ.
+        """
+        columns = self._estimate_columns(
+            targets, sources, stamps_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
+        )
+        if isinstance(columns, AskServer):
+            return columns
+        return EstimateArray(*columns, targets, sources)
 
     def frame(self, name: str) -> FrameInfo | AskServer:
         """Return what is known about a frame and the link to its parent.

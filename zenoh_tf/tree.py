@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import _core, notebook
 from zenoh_tf.array import TransformArray
+from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.gate import Gate
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.introspection.explanation import Explanation
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from zenoh_tf.gate_queue import Dropped
 
 
-class TransformTree(_core.Tree):
+class TransformTree(TreeEstimates):
     """A tree of frames with the history of every link. Any thread may call any method.
 
     `X_target_source` is the pose of source in target: it maps coordinates in source to coordinates

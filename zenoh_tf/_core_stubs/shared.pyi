@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf._core import Budget, Tree
+from zenoh_tf._core_stubs.estimates import EstimateColumns
 from zenoh_tf._core_stubs.transform import LatestTransform, Rows, StampedTransform
 
 LAYOUT: tuple[int, int]  # version and hash of the layout that this build writes and reads
@@ -80,6 +81,26 @@ class SharedTree:
         reference_frame: str | None,
         reference_point: ArrayLike,
         reference_point_frame: str | None,
+    ) -> dict[str, Any] | AskServer: ...
+    def _estimate_columns(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,  # None: now_ns
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
+    ) -> EstimateColumns | AskServer: ...
+    def _estimate_record(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
     ) -> dict[str, Any] | AskServer: ...
     def _read_rows(
         self,

@@ -152,6 +152,9 @@ Stamp stamp_of(nb::handle stamp, const char* field);
 // Exactly n numbers of a sequence.
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field);
 Pose pose_of(nb::handle translation, nb::handle rotation);
+// The question of an estimate, without its frames. The stamp None is `now`.
+EstimateQuery estimate_query(nb::handle stamp, Stamp now, double level, Stamp max_by,
+                             double radius);
 // A C-contiguous float64 array, from an array of real numbers or nested sequences. Copies only
 // where it must.
 nb::object doubles_of(nb::handle values, const char* field);
@@ -278,6 +281,8 @@ void bind_introspection(nb::class_<AnyTree>& tree);
 template <class AnyTree>
 void bind_velocity(nb::class_<AnyTree>& tree);
 template <class AnyTree>
+void bind_estimate(nb::class_<AnyTree>& tree);
+template <class AnyTree>
 void bind_deskew(nb::class_<AnyTree>& tree);
 template <class AnyTree>
 void bind_reads(nb::class_<AnyTree>& tree) {
@@ -286,6 +291,7 @@ void bind_reads(nb::class_<AnyTree>& tree) {
   bind_read_rows(tree);
   bind_introspection(tree);
   bind_velocity(tree);
+  bind_estimate(tree);
   bind_deskew(tree);
 }
 

@@ -75,6 +75,12 @@ class Tree : private TreeState {
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const {
     ztf::lookup_velocity(*this, query, answer);
   }
+  void estimate(const EstimateQuery& query, EstimateAnswer& answer) const {
+    ztf::estimate(*this, query, answer);
+  }
+  void set_motion_limits(std::string_view child, const MotionLimits& limits) {
+    motion_limits.set(child, limits);
+  }
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const {
     return ztf::lookup_motion(*this, query, motion, answer);
   }

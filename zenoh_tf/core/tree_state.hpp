@@ -14,7 +14,8 @@
 //   records/ring_arena.hpp           the arena's mutex: a ring doubles
 //   records/region.hpp               the region's mutex: arena or table of names takes a block
 // Leaves, whose holders take no other lock: the mutexes of records/event_log.hpp, of
-// records/change_log.hpp, of a BlockingWaiter (lookups/park.hpp), and of shared/lease.hpp.
+// records/change_log.hpp, of a BlockingWaiter (lookups/park.hpp), of shared/lease.hpp, and of
+// estimates/cache.hpp and estimates/limits.hpp.
 // Lookups take none of the mutexes but the giant one. A lookup that retries too often takes the
 // frames' locks.
 // States of a name. Each row is reached from the one before, and the last one is as a new name:
@@ -42,6 +43,8 @@
 
 #include "base/options.hpp"
 #include "base/zeroed_array.hpp"
+#include "estimates/cache.hpp"
+#include "estimates/limits.hpp"
 #include "names/table.hpp"
 #include "reads/frame_reads.hpp"
 #include "records/change_log.hpp"
@@ -123,6 +126,8 @@ struct TreeState {
   const std::unique_ptr<ChangeLog> change_log;  // null if the tree has none
   std::atomic<Seq> replayed{0};
   mutable WaitList wait_list;
+  mutable EstimateCache estimate_cache;
+  MotionLimitTable motion_limits;
 };
 
 }  // namespace ztf

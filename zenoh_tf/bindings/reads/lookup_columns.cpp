@@ -214,10 +214,82 @@ nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handl
   return nb::make_tuple(columns[0], columns[1], columns[2]);
 }
 
+// The columns of estimates.
+struct EstimateOutput {
+  Output answers;
+  double *metres, *radians, *level;
+  std::int64_t *backtests, *by;
+
+  void store(std::size_t row, const EstimateQuery& query, const EstimateAnswer& a) const {
+    const bool ok = a.failure.code == Code::ok;
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    answers.store(row, {.failure = a.failure, .pose = a.pose, .stamp = query.stamp});
+    metres[row] = ok ? a.metres : nan;
+    radians[row] = ok ? a.radians : nan;
+    level[row] = ok ? a.level : nan;
+    backtests[row] = ok ? a.backtests : 0;
+    by[row] = ok ? a.by : 0;
+  }
+};
+
+// (status, stamps, poses, metres, radians, level, backtests, by) of one estimate per row.
+template <class AnyTree>
+nb::tuple estimate_columns(const AnyTree& tree, nb::handle target_names, nb::handle source_names,
+                           nb::handle stamps_ns, Stamp now, double level, Stamp max_by,
+                           double radius) {
+  EstimateQuery query = estimate_query(nb::none(), now, level, max_by, radius);
+  RowCount rows;
+  const FrameColumn<AnyTree> targets(tree, target_names, "targets", rows);
+  const FrameColumn<AnyTree> sources(tree, source_names, "sources", rows);
+  const StampColumn stamps(stamps_ns, rows);
+  const std::size_t n = rows.value();
+  EstimateOutput out;
+  const auto doubles = [&](double*& column) {
+    return make_array<double>({n}, [&](double* d) { column = d; });
+  };
+  const auto integers = [&](std::int64_t*& column) {
+    return make_array<std::int64_t>({n}, [&](std::int64_t* d) { column = d; });
+  };
+  const nb::tuple columns = nb::make_tuple(
+      make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { out.answers.status = d; }),
+      make_array<Stamp>({n}, [&](Stamp* d) { out.answers.stamp = d; }),
+      make_array<double>({n, 7}, [&](double* d) { out.answers.pose = d; }), doubles(out.metres),
+      doubles(out.radians), doubles(out.level), integers(out.backtests), integers(out.by));
+  const auto estimate = [&](std::size_t row) {
+    query.stamp = stamps[row] == kNoStamp ? now : stamps[row];
+    EstimateAnswer answer;
+    tree.estimate(query, answer);
+    out.store(row, query, answer);
+  };
+  std::vector<std::size_t> lost;
+  {
+    const GilReleased released;
+    for (std::size_t row = 0; row < n; ++row) {
+      query.target = targets[row];
+      query.source = sources[row];
+      estimate(row);
+      if (!targets.are_current(row, row + 1) || !sources.are_current(row, row + 1))
+        lost.push_back(row);
+    }
+  }
+  for (const std::size_t row : lost)
+    (void)tree.read_names([&] {
+      query.target = targets.find_again(row);
+      query.source = sources.find_again(row);
+      const GilReleasedOnWait released;
+      estimate(row);
+      return true;
+    });
+  return columns;
+}
+
 }  // namespace
 
 template <class T>
 void bind_lookup_columns(nb::class_<T>& tree) {
+  tree.def("_estimate_columns", method<&estimate_columns<T>>, nb::arg("targets"),
+           nb::arg("sources"), nb::arg("stamps_ns").none(), nb::arg("now_ns"), nb::arg("level"),
+           nb::arg("max_by_ns"), nb::arg("radius_m"));
   tree.def("_lookup_columns", method<&lookup_columns<T>>, nb::arg("targets"), nb::arg("sources"),
            nb::arg("stamps_ns").none());
 }

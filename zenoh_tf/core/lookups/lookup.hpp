@@ -1,6 +1,6 @@
 // The room `lookups/`: the lookups of a tree of this process or of a shared one.
 // In: queries. Out: answers, validated; a lookup that fails too often takes locks.
-// It may include geometry, reads, tree_state.hpp, modes, shared.
+// It may include base, geometry, estimates, reads, tree_state.hpp, modes, shared.
 //
 // The lookups of a tree. Each is one transaction, unless it says otherwise.
 //
@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "estimates/estimate.hpp"
 #include "reads/velocity.hpp"
 #include "tree_state.hpp"
 
@@ -28,6 +29,10 @@ void lookup_transaction(const TreeState& tree, std::span<const Query> queries,
                         std::span<Answer> answers, ReadSet& reads,
                         std::size_t max_reads = kNoReadLimit);
 void lookup_velocity(const TreeState& tree, const VelocityQuery& query, VelocityAnswer& answer);
+// A pose at a time that may be beyond the newest samples, with bounds of its errors. Costs a few
+// lookups, or some hundred microseconds if the backtests of the question have to be made. Throws
+// bad_alloc.
+void estimate(const TreeState& tree, const EstimateQuery& query, EstimateAnswer& answer);
 // Copies the motion of one frame in another. If the lookup at one of the query's times fails,
 // `answer` has the failure, and the rest is unspecified. Throws bad_alloc.
 MotionResult lookup_motion(const TreeState& tree, const MotionQuery& query, Motion& motion,

@@ -141,6 +141,43 @@ class Reader {
     });
   }
 
+  [[nodiscard]] const Access& access() const noexcept { return access_; }
+
+  // Finds the chain between two frames and calls body(chain), or reports in `a` why there is none.
+  // Then validates what was read. `stamp` is the time that a failure reports: that of SelectAt, or
+  // kNoStamp for SelectLatest.
+  template <class LinkSelector, class Body>
+  ZTF_ALWAYS_INLINE bool with_chain(FrameId target, FrameId source, LinkSelector select,
+                                    Stamp stamp, Answer& a, Body body) {
+    AncestorPath from_source(access_.frame(source)), from_target(access_.frame(target));
+    Chain chain;
+    Walker<Access, Guard, LinkSelector> walker(access_, guard_, select, max_depth_);
+    switch (walker.find_chain(from_source, from_target, chain)) {
+      case WalkResult::reached:
+        if (!body(chain)) return false;
+        // Past links may form a loop. Then there may be two chains, and which one is found depends
+        // on frames outside it. So every frame that was read is validated.
+        if (!LinkSelector::is_forest && !never_reparented())
+          return validate(from_source) && validate(from_target);
+        return guard_.validate(chain.source) && guard_.validate(chain.target);
+      case WalkResult::retry:
+        return false;
+      case WalkResult::exhausted:
+        break;
+    }
+    report_failure(from_target, from_source, stamp, a);
+    return validate(from_source) && validate(from_target);
+  }
+
+  // Calls body(frame), and validates what it has read of the frame.
+  template <class Body>
+  bool with_frame(FrameId id, Body&& body) {
+    PathStep step{access_.frame(id), 0, {}};
+    if (!guard_.read_version(*step.frame, step.version)) return false;
+    body(*step.frame);
+    return guard_.validate({&step, 1});
+  }
+
  private:
   [[nodiscard]] FrameId id_of(const Frame* frame) const noexcept { return access_.id_of(frame); }
 
@@ -170,32 +207,6 @@ class Reader {
             std::all_of(chain.source.begin(), chain.source.end(), [](const PathStep& step) {
               return step.frame->parent_changes.load(std::memory_order_acquire) == 0;
             }));
-  }
-
-  // Finds the chain between two frames and calls body(chain), or reports in `a` why there is none.
-  // Then validates what was read. `stamp` is the time that a failure reports: that of SelectAt, or
-  // kNoStamp for SelectLatest.
-  template <class LinkSelector, class Body>
-  ZTF_ALWAYS_INLINE bool with_chain(FrameId target, FrameId source, LinkSelector select,
-                                    Stamp stamp, Answer& a, Body body) {
-    AncestorPath from_source(access_.frame(source)), from_target(access_.frame(target));
-    Chain chain;
-    Walker<Access, Guard, LinkSelector> walker(access_, guard_, select, max_depth_);
-    switch (walker.find_chain(from_source, from_target, chain)) {
-      case WalkResult::reached:
-        if (!body(chain)) return false;
-        // Past links may form a loop. Then there may be two chains, and which one is found depends
-        // on frames outside it. So every frame that was read is validated.
-        if (!LinkSelector::is_forest && !never_reparented())
-          return validate(from_source) && validate(from_target);
-        return guard_.validate(chain.source) && guard_.validate(chain.target);
-      case WalkResult::retry:
-        return false;
-      case WalkResult::exhausted:
-        break;
-    }
-    report_failure(from_target, from_source, stamp, a);
-    return validate(from_source) && validate(from_target);
   }
 
   // Validates a whole path. If it has an end, validates the frame at the end, too.

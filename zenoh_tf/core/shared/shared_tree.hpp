@@ -1,6 +1,6 @@
 // The room `shared/`: the tree of another process of this host, valid for a lease.
 // In: a descriptor of the owner's memory, and queries. Out: answers, or why there is none.
-// It may include base, records, reads, tree_state.hpp.
+// It may include base, records, reads, estimates, tree_state.hpp.
 //
 // A tree of another process on this host, mapped read-only: its lookups, as the owner answers them.
 //
@@ -21,6 +21,8 @@
 #include <vector>
 
 #include "base/options.hpp"
+#include "estimates/cache.hpp"
+#include "estimates/estimate.hpp"
 #include "reads/query.hpp"
 #include "reads/velocity.hpp"
 #include "shared/mapped_memory.hpp"
@@ -98,6 +100,7 @@ class SharedTree {
   void lookup_transaction(std::span<const Query> queries, std::span<Answer> answers, ReadSet& reads,
                           std::size_t max_reads = static_cast<std::size_t>(-1)) const;
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
+  void estimate(const EstimateQuery& query, EstimateAnswer& answer) const;
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const;
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
   [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
@@ -158,6 +161,7 @@ class SharedTree {
   const std::uint32_t max_depth_;
   const std::atomic<bool>& ever_reparented_;
   const std::atomic<std::uint64_t>& ids_freed_;
+  mutable EstimateCache estimate_cache_;
 };
 
 }  // namespace ztf

@@ -1,0 +1,127 @@
+// Which past instants are compared, and what a link had at them.
+#include "estimates/cases.hpp"
+
+namespace ztf {
+
+namespace {
+
+constexpr double kSecond = 1e9;  // ns
+// As many instants as a level needs; more cost time and say the same.
+constexpr std::size_t kFew = 200, kMany = 1000;
+constexpr double kLevelOfFew = 0.99;
+
+}  // namespace
+
+std::uint32_t lag_bucket(Stamp lag) noexcept {
+  if (lag <= 0) return 0;
+  const double quarters = std::ceil(4 * std::log2(static_cast<double>(lag) * 1e-6) - 1e-9);
+  return quarters > 0 ? static_cast<std::uint32_t>(quarters) + 1 : 1;
+}
+
+Stamp longest_lag(std::uint32_t bucket) noexcept {
+  if (bucket == 0) return 0;
+  const double lag = 1e6 * std::exp2(0.25 * (bucket - 1));
+  return lag < 9e18 ? static_cast<Stamp>(std::ceil(lag)) : std::numeric_limits<Stamp>::max();
+}
+
+unsigned window_class(double level) noexcept {
+  unsigned window = 0;
+  while (window < 20 && window_s(window) * (1 - level) < 0.6) ++window;
+  return window;
+}
+
+double window_s(unsigned window) noexcept { return 10 * std::exp2(window); }
+
+double independent(double span_s, double lag_s) noexcept {
+  return std::floor(span_s / std::max(lag_s, kIndependent));
+}
+
+Stamp longest_lag(const PathNow& path) noexcept {
+  Stamp longest = 0;
+  for (const LinkNow& link : path.links) longest = std::max(longest, link.lag);
+  return longest_lag(lag_bucket(longest));
+}
+
+Stamp grid_of(const PathNow& path) noexcept {
+  Stamp newest = std::numeric_limits<Stamp>::max();
+  for (const LinkNow& link : path.links)
+    if (link.kind != LinkNow::Kind::fixed) newest = std::min(newest, link.newest);
+  return newest / kGrid - (newest % kGrid < 0);
+}
+
+namespace detail {
+
+std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& path,
+                                double window_s, Cases& cases) {
+  cases.age_s.clear();
+  cases.span_s = 0;
+  Stamp begin = kNoStamp + 1, end = std::numeric_limits<Stamp>::max();
+  const SampleRun* run = runs.data();
+  for (const LinkNow& link : path.links) {
+    if (link.kind == LinkNow::Kind::fixed) continue;
+    // The neighbours of a sample that is left out must be there.
+    const bool leaves_out = link.kind == LinkNow::Kind::between;
+    if (run->size() < (leaves_out ? 3 : 2)) return {};
+    begin = std::max(begin, time_after(run->oldest(), longest_lag(lag_bucket(link.lag))));
+    end = std::min(end, run->newest());
+    ++run;
+  }
+  if (end <= begin) return {};
+  const double most = std::min(window_s * kSecond, elapsed_ns(begin, end));
+  // Instants are counted from a grid, so that the same history gives the same instants.
+  const Stamp on_grid = end - ((end % kGrid) + kGrid) % kGrid;
+  if (on_grid > begin && elapsed_ns(begin, on_grid) > 0.5 * most) end = on_grid;
+  const double span = std::min(most, elapsed_ns(begin, end));
+  cases.span_s = span / kSecond;
+  const double n = independent(cases.span_s, static_cast<double>(longest_lag(path)) / kSecond);
+  const std::size_t instants = n / (n + 1) > kLevelOfFew ? kMany : kFew;
+  std::vector<Stamp> times(instants);
+  cases.age_s.resize(instants);
+  for (std::size_t i = 0; i < instants; ++i) {
+    // The golden ratio keeps the instants out of step with any rate of samples.
+    const double golden = static_cast<double>(i) * 0.6180339887498949;
+    const double share =
+        (static_cast<double>(i) + golden - std::floor(golden)) / static_cast<double>(instants);
+    times[i] = end - static_cast<Stamp>(share * span);
+    cases.age_s[i] = share * cases.span_s;
+  }
+  return times;
+}
+
+void copy_link_cases(const SampleRun& run, const LinkNow& link, std::span<const Stamp> times,
+                     Case* out) noexcept {
+  using Kind = LinkNow::Kind;
+  const Stamp lag = longest_lag(lag_bucket(link.lag));
+  std::uint32_t at = 0, cut = 0;
+  for (std::size_t i = times.size(); i-- > 0;) {
+    Case& c = out[i];
+    const Stamp time = times[i];
+    at = run.last_at(time, at);
+    if (link.kind == Kind::between) {
+      const std::uint32_t left_out = std::clamp(at, 1u, run.size() - 2);
+      const Stamp from = run.stamp(left_out - 1), to = run.stamp(left_out + 1);
+      c.truth = run.pose(left_out);
+      c.last = interpolate(run.pose(left_out - 1), run.pose(left_out + 1),
+                           elapsed_ns(from, run.stamp(left_out)) / elapsed_ns(from, to));
+      continue;
+    }
+    c.truth = run.pose_at(time, at);
+    if (link.kind == Kind::exact) {
+      c.last = c.truth;
+      continue;
+    }
+    cut = run.last_at(time - lag, cut);
+    c.last = run.pose(cut);
+    if (link.kind == Kind::held) continue;
+    const double carried = elapsed_ns(run.stamp(cut), time);
+    for (std::size_t t = 0; t < kTwists; ++t) {
+      const std::uint32_t before = cut - std::min(kTwistSteps[t], cut);
+      c.before[t] = run.pose(before);
+      c.ratios[t] = carried / elapsed_ns(run.stamp(before), run.stamp(cut));
+    }
+  }
+}
+
+}  // namespace detail
+
+}  // namespace ztf

@@ -1,0 +1,51 @@
+// Declared limits of motion, and how wrong they allow a pose to be.
+//
+// Thread safety: MotionLimitTable: every function, from any thread; its holder takes no other lock.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <limits>
+#include <map>
+#include <mutex>
+#include <string>
+#include <string_view>
+
+#include "estimates/estimate.hpp"
+
+namespace ztf {
+
+struct LinkNow;
+struct Residual;
+
+// Of the motion of a child in its parent, at most; infinite where none is declared.
+struct MotionLimits {
+  static constexpr double kNone = std::numeric_limits<double>::infinity();
+  double speed = kNone, accel = kNone;      // m/s, m/s^2, of the child's origin
+  double rate = kNone, rate_accel = kNone;  // rad/s, rad/s^2
+
+  [[nodiscard]] bool any() const noexcept {
+    return std::min(std::min(speed, accel), std::min(rate, rate_accel)) < kNone;
+  }
+};
+
+// The limits by the name of the child.
+class MotionLimitTable {
+ public:
+  // Replaces a frame's limits; none removes them. Throws bad_alloc.
+  void set(std::string_view child, const MotionLimits& limits);
+  [[nodiscard]] bool empty() const noexcept { return size_.load(std::memory_order_acquire) == 0; }
+  [[nodiscard]] MotionLimits find(std::string_view child) const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::map<std::string, MotionLimits, std::less<>> limits_;
+  std::atomic<std::size_t> size_{0};
+};
+
+// Returns how far a link's pose, as carried on, may be off if the motion keeps within the limits.
+// Infinite where they do not bound it.
+Residual deviation(const LinkNow& link, Predictor predictor, const Pose& carried,
+                   const MotionLimits& limits) noexcept;
+
+}  // namespace ztf

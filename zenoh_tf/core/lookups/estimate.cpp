@@ -1,0 +1,88 @@
+// Estimates: reading the path, and its history if the backtests of the question are not kept.
+#include "base/host.hpp"
+#include "base/long_wait.hpp"
+#include "estimates/cache.hpp"
+#include "estimates/conclude.hpp"
+#include "lookups/transaction.hpp"
+#include "shared/transaction.hpp"
+
+namespace ztf {
+
+namespace {
+
+// How often a path may change between the two transactions of an estimate.
+constexpr int kAttempts = 8;
+
+// `read` runs a transaction, `edits` returns a number that changes with the histories of a path
+// otherwise than by newer samples, and `limits` returns those of each link, or none.
+template <class Read, class Edits, class Limits>
+void estimate_by(const EstimateQuery& q, EstimateAnswer& a, EstimateCache& cache, Read&& read,
+                 Edits&& edits, Limits&& limits) {
+  PathNow path;
+  Answer found;
+  EstimateCache::Entry backtest;
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    read([&](auto& reader) { return read_path(reader, q, path, found); });
+    a.failure = found.failure;
+    if (a.failure.code != Code::ok) return;
+    find_lags(q, path);
+    if (is_too_far(q, path, a.failure)) return;
+    if (!may_err(path)) break;
+    EstimateCache::Key key;
+    EstimateCache::make_key(path, q.level, key);
+    const Stamp grid = grid_of(path);
+    const std::uint64_t state = edits(path);
+    bool is_current = false;
+    backtest = cache.find(key, grid, state, is_current);
+    if (is_current) break;
+    LongWait::announce();
+    Cases cases;
+    const double window = window_s(window_class(q.level));
+    read([&](auto& reader) { return copy_cases(reader, path, window, cases); });
+    if (cases.moved && attempt + 1 < kAttempts) continue;
+    backtest = std::make_shared<const Backtest>(ztf::backtest(path, cases, backtest.get()));
+    cache.insert(key, grid, state, backtest);
+    break;
+  }
+  conclude(q, path, backtest.get(), limits(path), a);
+}
+
+}  // namespace
+
+void estimate(const TreeState& tree, const EstimateQuery& query, EstimateAnswer& answer) {
+  ReadSet reads;
+  estimate_by(
+      query, answer, tree.estimate_cache, [&](auto&& body) { read(tree, reads, body); },
+      [&](const PathNow& path) {
+        std::uint64_t edits = 0;
+        for (const LinkNow& link : path.links)
+          edits += tree.edits[link.child].load(std::memory_order_acquire);
+        return edits;
+      },
+      [&](const PathNow& path) {
+        std::vector<MotionLimits> limits;
+        if (!tree.motion_limits.empty())
+          for (const LinkNow& link : path.links)
+            limits.push_back(tree.motion_limits.find(tree.name(link.child)));
+        return limits;
+      });
+}
+
+void SharedTree::estimate(const EstimateQuery& query, EstimateAnswer& answer) const {
+  ReadSet reads;
+  estimate_by(
+      query, answer, estimate_cache_, [&](auto&& body) { read(reads, body); },
+      // The region has no count of all edits. So backtests serve for a step of the grid at most.
+      [&](const PathNow& path) {
+        std::uint64_t edits = static_cast<std::uint64_t>(monotonic_ns() / kGrid) << 32;
+        for (const LinkNow& link : path.links) {
+          const FrameEvents& events = events_[link.child];
+          for (const auto* count : {&events.rewritten, &events.time_jumps, &events.reparented})
+            edits += count->load(std::memory_order_acquire);
+        }
+        return edits;
+      },
+      [](const PathNow&) { return std::vector<MotionLimits>(); });
+}
+
+}  // namespace ztf
