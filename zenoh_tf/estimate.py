@@ -313,10 +313,10 @@ class TreeEstimates(_core.Tree):
 
         Args:
             child: The link's child, which need not exist yet.
-            max_speed_m_s: Speed of its origin in its parent, m/s.
-            max_accel_m_s2: Acceleration of its origin, m/s^2.
-            max_rate_rad_s: Angular velocity, rad/s.
-            max_rate_accel_rad_s2: Angular acceleration, rad/s^2.
+            max_speed_m_s: Speed of its origin in its parent, metres per second.
+            max_accel_m_s2: Acceleration of its origin, metres per second squared.
+            max_rate_rad_s: Angular velocity, radians per second.
+            max_rate_accel_rad_s2: Angular acceleration, radians per second squared.
 
         Raises:
             InvalidArgumentException: The name is invalid, or a limit is negative.

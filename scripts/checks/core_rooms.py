@@ -22,7 +22,7 @@ MAY_INCLUDE: dict[str, tuple[str, ...]] = {
     "histories": ("geometry", "records"),
     "names": ("base", "records"),
     "reads": ("base", "geometry", "records", "histories"),
-    "estimates": ("base", "reads"),
+    "estimates": ("base", "geometry", "reads"),
     "waiting": ("base", "records", "reads"),
     "tree_state.hpp": ("base", "records", "names", "reads", "estimates", "waiting"),
     "tree_state.cpp": ("base", "tree_state.hpp"),

@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-#include "estimates/screw.hpp"
+#include "geometry/screw.hpp"
 
 namespace ztf {
 

@@ -21,7 +21,7 @@ std::uint32_t lag_bucket(Stamp lag) noexcept {
 Stamp longest_lag(std::uint32_t bucket) noexcept {
   if (bucket == 0) return 0;
   const double lag = 1e6 * std::exp2(0.25 * (bucket - 1));
-  return lag < 9e18 ? static_cast<Stamp>(std::ceil(lag)) : std::numeric_limits<Stamp>::max();
+  return lag < 9e18 ? static_cast<Stamp>(lag) : std::numeric_limits<Stamp>::max();
 }
 
 unsigned window_class(double level) noexcept {
@@ -62,7 +62,11 @@ std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& 
     // The neighbours of a sample that is left out must be there.
     const bool leaves_out = link.kind == LinkNow::Kind::between;
     if (run->size() < (leaves_out ? 3 : 2)) return {};
-    begin = std::max(begin, time_after(run->oldest(), longest_lag(lag_bucket(link.lag))));
+    // So are those before the sample that is carried on, where the history is long enough.
+    const std::uint32_t before = link.kind == LinkNow::Kind::carried
+                                     ? std::min(kTwistSteps[kTwists - 1], run->size() / 4)
+                                     : 0;
+    begin = std::max(begin, time_after(run->stamp(before), longest_lag(lag_bucket(link.lag))));
     end = std::min(end, run->newest());
     ++run;
   }

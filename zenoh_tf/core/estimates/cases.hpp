@@ -16,7 +16,7 @@ namespace ztf {
 std::uint32_t lag_bucket(Stamp lag) noexcept;
 Stamp longest_lag(std::uint32_t bucket) noexcept;
 
-// Backtests begin anew when the history of all links has passed such a time.
+// Backtests are made again when the history of all links has passed such a time.
 constexpr Stamp kGrid = 100'000'000;  // ns
 // The seconds of history that backtests for a level use at most: 10 for 0.9.
 unsigned window_class(double level) noexcept;
@@ -72,7 +72,6 @@ class SampleRun {
   [[nodiscard]] Pose pose(std::uint32_t i) const noexcept {
     return ring_.sample(first_ + i).pose.load();
   }
-  [[nodiscard]] Stamp oldest() const noexcept { return stamp(0); }
   [[nodiscard]] Stamp newest() const noexcept { return stamp(end_ - 1); }
 
   // Returns the newest sample that is not after a time. Requires that `from` is not.

@@ -1,6 +1,6 @@
 // The room `estimates/`: poses beyond the newest samples, and how wrong they may be.
 // In: the samples of a path, as a reader copies them. Out: a pose with bounds of its errors.
-// It may include base, geometry, records, histories, reads.
+// It may include base, geometry, reads.
 //
 // The question and its answer. How it is answered: PathNow copies the newest samples of the path
 // (estimates/path.hpp), copy_cases() what the same question would have had at past instants

@@ -2,7 +2,7 @@
 #include "estimates/limits.hpp"
 
 #include "estimates/path.hpp"
-#include "estimates/screw.hpp"
+#include "geometry/screw.hpp"
 
 namespace ztf {
 

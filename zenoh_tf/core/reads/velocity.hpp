@@ -7,6 +7,7 @@
 // Thread safety: values.
 #pragma once
 
+#include "geometry/screw.hpp"
 #include "reads/query.hpp"
 
 namespace ztf {
@@ -31,26 +32,6 @@ struct VelocityAnswer {
   Twist twist;  // in the axes of the reference frame
   Stamp stamp, start, end;
 };
-
-inline Vec3 cross(const Vec3& a, const Vec3& b) noexcept {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
-// The pose's rotation as axis times angle, with an angle of at most pi.
-inline Vec3 rotation_vector(const Pose& p) noexcept {
-  const double sine2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz;  // squared sine of the half angle
-  const double cosine = std::abs(p.qw);
-  double scale;  // angle / sine
-  if (sine2 < 1e-6) {
-    const double tangent2 = sine2 / (cosine * cosine);  // series of atan(t) / t, error < 1e-18
-    scale = 2.0 / cosine * (1.0 - tangent2 * (1.0 / 3 - tangent2 * (1.0 / 5)));
-  } else {
-    const double sine = std::sqrt(sine2);
-    scale = 2.0 * std::atan2(sine, cosine) / sine;
-  }
-  if (p.qw < 0) scale = -scale;  // q and -q are the same rotation
-  return {p.qx * scale, p.qy * scale, p.qz * scale};
-}
 
 // The mean twist of a body that moves from pose `start` to pose `end` in that many seconds. Linear
 // is the velocity of the body's origin. The axes are those of the frame that both poses are in.

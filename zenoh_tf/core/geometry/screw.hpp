@@ -1,13 +1,33 @@
-// Motion with a constant twist, and distances of poses.
+// Rotation vectors, distances of poses, and motion with a constant twist.
 //
 // Thread safety: functions of their arguments.
 #pragma once
 
 #include <cmath>
 
-#include "reads/velocity.hpp"
+#include "geometry/pose.hpp"
 
 namespace ztf {
+
+inline Vec3 cross(const Vec3& a, const Vec3& b) noexcept {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+// The pose's rotation as axis times angle, with an angle of at most pi.
+inline Vec3 rotation_vector(const Pose& p) noexcept {
+  const double sine2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz;  // squared sine of the half angle
+  const double cosine = std::abs(p.qw);
+  double scale;  // angle / sine
+  if (sine2 < 1e-6) {
+    const double tangent2 = sine2 / (cosine * cosine);  // series of atan(t) / t, error < 1e-18
+    scale = 2.0 / cosine * (1.0 - tangent2 * (1.0 / 3 - tangent2 * (1.0 / 5)));
+  } else {
+    const double sine = std::sqrt(sine2);
+    scale = 2.0 * std::atan2(sine, cosine) / sine;
+  }
+  if (p.qw < 0) scale = -scale;  // q and -q are the same rotation
+  return {p.qx * scale, p.qy * scale, p.qz * scale};
+}
 
 // How far two poses are apart.
 struct Residual {
@@ -25,8 +45,8 @@ inline Residual residual_between(const Pose& a, const Pose& b) noexcept {
   return {norm({b.x - a.x, b.y - a.y, b.z - a.z}), 2 * std::atan2(norm(v), std::abs(w))};
 }
 
-// Returns the pose of a body that goes on from `newer`, with the constant body twist that has moved
-// it there from `older`, for `ratio` times as long as that took.
+// Returns the pose of a body that continues from `newer`, with the constant body twist that has
+// moved it there from `older`, for `ratio` times as long as that took.
 inline Pose carry_on(const Pose& older, const Pose& newer, double ratio) noexcept {
   const auto plus = [](const Vec3& a, double scale, const Vec3& b) {
     return Vec3{a.x + scale * b.x, a.y + scale * b.y, a.z + scale * b.z};
