@@ -12,7 +12,7 @@ from bench.parts.estimate import SYSTEMS, Answers, ask
 from bench.scenarios import AT_REST, LOSING, SCENARIOS
 from bench.trajectories import STARTS_EVERY_S, Array, Scenario, errors
 from tests.support import recorded
-from zenoh_tf import TransformTree
+from zenoh_tf import ForwardExtrapolationException, TransformTree
 
 QUESTIONS = 400
 
@@ -36,8 +36,8 @@ def test_the_truth_is_within_the_bounds(name: str) -> None:
     # Ten seconds have too few independent residuals for 0.99, and the answers say so.
     assert np.all(answers[0.99].levels < 0.99)
     # A bound that holds because it is absurd would be no use.
-    metres = answers[0.9].errors[0]
-    assert np.median(answers[0.9].bounds[:, 0]) <= 12 * max(np.median(metres), 0.002)
+    metres = np.quantile(answers[0.9].errors[0], 0.9)
+    assert np.median(answers[0.9].bounds[:, 0]) <= 4 * metres
 
 
 def test_a_minute_of_history_supports_a_level_of_99_percent() -> None:
@@ -80,11 +80,14 @@ def test_a_recorded_robot_is_within_the_bounds(target: str) -> None:
             continue
         if not whole.can_transform(target, "base_link", ask_ns):
             break
-        found = tree.estimate_transform(target, "base_link", ask_ns)
+        try:
+            found = tree.estimate_transform(target, "base_link", ask_ns)
+        except ForwardExtrapolationException:  # the localiser was silent for half a second
+            continue
         truth = whole.lookup_transform(target, "base_link", ask_ns).transform
         rows.append((*found.transform.pose(), *truth.pose(), found.error_m, found.error_rad))
     array: Array = np.array(rows)
-    assert len(array) > 800
+    assert len(array) > 500
     metres, radians = errors(array[:, :7], array[:, 7:14])
     within = (metres <= array[:, 14]) & (radians <= array[:, 15])
     assert within.mean() >= 0.9 - 3 * math.sqrt(0.09 / len(array))
