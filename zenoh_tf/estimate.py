@@ -255,11 +255,12 @@ class TreeEstimates(_core.Tree):
         Example:
             `tree.estimate_transform("map", "gripper", max_error_m=0.02).transform`
         """
-        record = self._estimate_record(
-            target, source, stamp_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
-        )
+        by_ns, now_ns = max_by_ns(max_by_s), time.time_ns()
+        found = self._estimate(Estimate, target, source, stamp_ns, now_ns, level, by_ns, radius_m)
+        if max_error_m is max_error_rad is min_level is None:
+            return found
         least = level if min_level is None else min_level
-        return check(Estimate.from_record(record), max_error_m, max_error_rad, least)
+        return check(found, max_error_m, max_error_rad, least)
 
     def estimate_transforms(
         self,

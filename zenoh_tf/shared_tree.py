@@ -155,13 +155,12 @@ class SharedTree(_core.SharedTree):
             ExtrapolationException: A link has no data for the time.
             InvalidArgumentException: An argument is invalid; `field` names it.
         """
-        record = self._estimate_record(
-            target, source, stamp_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
-        )
-        if isinstance(record, AskServer):
-            return record
+        by_ns, now_ns = max_by_ns(max_by_s), time.time_ns()
+        found = self._estimate(Estimate, target, source, stamp_ns, now_ns, level, by_ns, radius_m)
+        if isinstance(found, AskServer):
+            return found
         least = level if min_level is None else min_level
-        return check(Estimate.from_record(record), max_error_m, max_error_rad, least)
+        return check(found, max_error_m, max_error_rad, least)
 
     def estimate_transforms(
         self,

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from zenoh_tf.estimate import Estimate
+
 #: status, stamps, poses, error_m, error_rad, level, backtests, by_ns
 EstimateColumns = tuple[
     NDArray[np.uint8],
@@ -19,6 +21,17 @@ EstimateColumns = tuple[
 ]
 
 class Estimates:
+    def _estimate(
+        self,
+        kind: type[Estimate],
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,  # None: now_ns
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
+    ) -> Estimate: ...
     def _estimate_record(
         self,
         target_frame: str,

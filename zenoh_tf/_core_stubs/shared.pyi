@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from zenoh_tf._core import Budget, Tree
 from zenoh_tf._core_stubs.estimates import EstimateColumns
 from zenoh_tf._core_stubs.transform import LatestTransform, Rows, StampedTransform
+from zenoh_tf.estimate import Estimate
 
 LAYOUT: tuple[int, int]  # version and hash of the layout that this build writes and reads
 
@@ -92,6 +93,17 @@ class SharedTree:
         max_by_ns: int,
         radius_m: float,
     ) -> EstimateColumns | AskServer: ...
+    def _estimate(
+        self,
+        kind: type[Estimate],
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
+    ) -> Estimate | AskServer: ...
     def _estimate_record(
         self,
         target_frame: str,

@@ -14,8 +14,14 @@ constexpr double kLevelOfFew = 0.99;
 
 std::uint32_t lag_bucket(Stamp lag) noexcept {
   if (lag <= 0) return 0;
-  const double quarters = std::ceil(4 * std::log2(static_cast<double>(lag) * 1e-6) - 1e-9);
-  return quarters > 0 ? static_cast<std::uint32_t>(quarters) + 1 : 1;
+  int octave;
+  const double mantissa = std::frexp(static_cast<double>(lag) * (1e-6 * (1 - 1e-9)), &octave);
+  if (octave < 1) return 1;
+  // The quarters of an octave, by a mantissa from 0.5 to 1.
+  int quarter = 0;
+  for (const double edge : {0.5, 0.5946035575013605, 0.7071067811865476, 0.8408964152537146})
+    quarter += mantissa > edge;
+  return static_cast<std::uint32_t>(4 * (octave - 1) + quarter + 1);
 }
 
 Stamp longest_lag(std::uint32_t bucket) noexcept {
@@ -30,7 +36,7 @@ unsigned window_class(double level) noexcept {
   return window;
 }
 
-double window_s(unsigned window) noexcept { return 10 * std::exp2(window); }
+double window_s(unsigned window) noexcept { return 10.0 * (1u << window); }
 
 double independent(double span_s, double lag_s) noexcept {
   return std::floor(span_s / std::max(lag_s, kIndependent));
