@@ -148,12 +148,12 @@ def _lose(report: Report) -> None:
             row = _judged(found.errors[0], found.within, found.bounds[:, 0])
             report.add({"scenario": name, "level": LEVELS[0], "system": system}, row)
     scenario = Scenario("a start and a stop", LOSING[AT_REST](np.random.default_rng(7), 60.0))
-    times_s = np.arange(-1, 5, 2.0 if report.quick else 0.1) + 2 * STARTS_EVERY_S - 3
+    times_s = np.arange(-1, 5, 2.0 if report.quick else 0.125) + 2 * STARTS_EVERY_S - 3
     for system, prepare in SYSTEMS.items():
         found = ask(scenario, times_s, LEVELS[:1], 10.0, prepare)[LEVELS[0]]
         for time_s, bound, error in zip(times_s, found.bounds, found.errors[0], strict=True):
             labels = {"scenario": scenario.name, "level": LEVELS[0], "system": system}
-            at_s = round(float(time_s) - 2 * STARTS_EVERY_S + 3, 2)
+            at_s = round(float(time_s) - 2 * STARTS_EVERY_S + 3, 3)
             report.add(
                 labels | {"seconds": at_s}, {"bound_mm": 1e3 * bound[0], "error_mm": 1e3 * error}
             )

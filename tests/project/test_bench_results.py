@@ -99,5 +99,5 @@ def test_kept_results_are_small_and_make_all_figures(
     assert all(path.stat().st_size < 20_000 for path in results.FOLDER.glob("*.json"))
     plots.draw(kept, tmp_path)
     sizes = {path.name: path.stat().st_size for path in tmp_path.glob("*.svg")}
-    assert len(sizes) == 5
+    assert len(sizes) == 7
     assert max(sizes.values()) < 30_000, sizes
