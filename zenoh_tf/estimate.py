@@ -109,7 +109,8 @@ class EstimateArray:
     @property
     def ok(self) -> NDArray[np.bool_]:
         """(n,) True for the rows that have an estimate."""
-        return self.status == 0
+        ok: NDArray[np.bool_] = self.status == 0
+        return ok
 
     def columns(self) -> tuple[NDArray[Any], ...]:
         """Return the arrays, in the order of the fields."""

@@ -17,22 +17,25 @@ Pose predict_case(Predictor predictor, const Case& c) noexcept {
   return predict(predictor, c.last, c.before[twist], c.ratios[twist]);
 }
 
-// The quantile of a predictor's errors.
+// The quantile of a predictor's errors, of about kCompared cases.
 double error_of(Predictor predictor, std::span<const Case> cases) {
   std::vector<double> scores;
-  for (std::size_t i = 0; i < cases.size();
-       i += std::max<std::size_t>(cases.size() / kCompared, 1)) {
+  const std::size_t step = std::max<std::size_t>(cases.size() / kCompared, 1);
+  for (std::size_t i = 0; i < cases.size(); i += step) {
     const Residual r = residual_between(cases[i].truth, predict_case(predictor, cases[i]));
     scores.push_back(r.metres + r.radians * kArm);
   }
   return quantile(scores, kQuantile);
 }
 
-Predictor choose(std::span<const Case> cases, const Predictor* before) {
+// Chooses by the errors of all cases, and as much by those of the newest: so a link that starts
+// after a rest is not held for long, and what happens rarely is not forgotten.
+Predictor choose(std::span<const Case> cases, std::size_t newest, const Predictor* before) {
   double errors[kPredictors];
   std::size_t best = 0;
   for (std::size_t p = 0; p < kPredictors; ++p) {
-    errors[p] = error_of(static_cast<Predictor>(p), cases);
+    const auto predictor = static_cast<Predictor>(p);
+    errors[p] = error_of(predictor, cases) + error_of(predictor, cases.first(newest));
     if (errors[p] < errors[best]) best = p;
   }
   if (before && errors[best] > kClearly * errors[static_cast<std::size_t>(*before)]) return *before;
@@ -61,6 +64,8 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
   std::vector<double> values(instants);
   Products products(instants);
   const Case* next = cases.cases.data();
+  const double lag_s = static_cast<double>(longest_lag(path)) * 1e-9;
+  const std::size_t newest = newest_within(cases.age_s, newest_window_s(lag_s));
   for (std::size_t l = 0; l < links && instants > 0; ++l) {
     const LinkNow& link = path.links[l];
     if (link.kind == Kind::fixed) {
@@ -71,7 +76,7 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
     const std::span<const Case> of_link(next, instants);
     next += instants;
     if (link.kind == Kind::carried)
-      predictors[l] = choose(of_link, before ? &before->predictors[l] : nullptr);
+      predictors[l] = choose(of_link, newest, before ? &before->predictors[l] : nullptr);
     for (std::size_t i = 0; i < instants; ++i) {
       const Pose guess = predict_case(predictors[l], of_link[i]);
       errors[i] = residual_between(of_link[i].truth, guess);
@@ -96,7 +101,6 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
     shares[l] = own[l].metres + 2 * std::sin(0.5 * own[l].radians) * arm;
     to_source = next_to_source;
   }
-  const double lag_s = static_cast<double>(longest_lag(path)) * 1e-9;
   return {ErrorBound(errors, cases.age_s, cases.span_s, lag_s), std::move(predictors),
           std::move(shares)};
 }

@@ -15,9 +15,7 @@ constexpr double kScale = 0.9;  // the quantile that is a score's unit
 // errors used to be zero does not blow the other one up.
 constexpr double kLeastScale = 0.1;
 constexpr double kZero = 1e-9;  // metres, radians
-// Beside all backtests the newest ones are ranked by themselves, and the larger bound counts: after
-// a change of regime they know better.
-constexpr double kRecent = 10, kNewest = 0.5, kLags = 2;  // seconds, seconds, lags
+constexpr double kRecent = 10;  // seconds: a window between the newest and all
 
 // Ranks that are whole numbers must not be rounded up.
 std::size_t rank_of(double share, std::size_t n) noexcept {
@@ -42,6 +40,13 @@ double quantile(std::span<double> values, double share) noexcept {
   return kth_smallest(values, rank_of(share, values.size()));
 }
 
+double newest_window_s(double lag_s) noexcept { return std::max(0.5, 2 * lag_s); }
+
+std::size_t newest_within(std::span<const double> age_s, double window_s) noexcept {
+  return static_cast<std::size_t>(std::upper_bound(age_s.begin(), age_s.end(), window_s) -
+                                  age_s.begin());
+}
+
 ErrorBound::ErrorBound(std::span<const Residual> residuals, std::span<const double> age_s,
                        double span_s, double lag_s)
     : independent_(independent(span_s, lag_s)) {
@@ -58,9 +63,8 @@ ErrorBound::ErrorBound(std::span<const Residual> residuals, std::span<const doub
 
   scores_.reserve(2 * values.size());
   add_window(values, values.size(), span_s, lag_s);
-  for (const double window : {kRecent, std::max(kNewest, kLags * lag_s)}) {
-    const auto end = std::upper_bound(age_s.begin(), age_s.end(), window);
-    const auto size = static_cast<std::size_t>(end - age_s.begin());
+  for (const double window : {kRecent, newest_window_s(lag_s)}) {
+    const std::size_t size = newest_within(age_s, window);
     if (size < values.size()) add_window(values, size, window, lag_s);
   }
 }

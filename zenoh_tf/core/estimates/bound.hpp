@@ -21,6 +21,12 @@ double kth_smallest(std::span<double> values, std::size_t k) noexcept;
 // reorders them.
 double quantile(std::span<double> values, double share) noexcept;
 
+// Beside all backtests the newest ones are ranked by themselves, and the larger bound counts: after
+// a change of regime they know better.
+double newest_window_s(double lag_s) noexcept;
+// Returns how many of the ages, which ascend, are within a window.
+std::size_t newest_within(std::span<const double> age_s, double window_s) noexcept;
+
 // Both errors are bounded at once: the score of a backtest is the larger one of its errors, each in
 // units of its own 0.9 quantile.
 class ErrorBound {
