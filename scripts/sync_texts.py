@@ -4,8 +4,8 @@ from __future__ import annotations
 
 #: By module of `aio/` the synchronous module, from which it is made.
 FILES = {
-    **{name: name for name in ("lookups", "sensor_data", "writes", "introspection")},
-    **{name: name for name in ("transaction", "batch")},
+    **{name: name for name in ("lookups", "estimates", "sensor_data", "writes")},
+    **{name: name for name in ("introspection", "transaction", "batch")},
     "broadcaster": "publish/broadcaster",
     "mirror": "mirror/mirror",
     "watch": "mirror/watch",

@@ -112,6 +112,22 @@ class EstimateArray:
         ok: NDArray[np.bool_] = self.status == 0
         return ok
 
+    @classmethod
+    def of_columns(
+        cls, columns: Sequence[NDArray[Any]], targets: Names, sources: Names
+    ) -> EstimateArray:
+        """Return the instance of the arrays that `columns` returns.
+
+        Args:
+            columns: The arrays, in the order of the fields.
+            targets: The targets' names: one for all rows, or (n,).
+            sources: The sources' names, in the same form.
+        """
+        status, stamps_ns, poses, error_m, error_rad, level, backtests, by_ns = columns
+        return cls(
+            status, stamps_ns, poses, error_m, error_rad, level, backtests, by_ns, targets, sources
+        )
+
     def columns(self) -> tuple[NDArray[Any], ...]:
         """Return the arrays, in the order of the fields."""
         return (

@@ -39,7 +39,11 @@ EXTRAS = {
 SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker", "scripts")
 #: Files of a folder, and those that have more, with the reason.
 MAX_FILES = 15
-LARGE_FOLDERS = {"docs/explanation/decisions": "one record for each decision"}
+LARGE_FOLDERS = {
+    "docs/explanation/decisions": "one record for each decision",
+    "docs/how-to": "one page for each task",
+    "zenoh_tf": "one file for each class of the library",
+}
 MAX_LINES = 400
 MAX_FUNCTION_LINES = 60
 #: Files that still have a longer one.

@@ -170,6 +170,8 @@ def test_no_stamp_is_wrapped_or_taken_for_none(client: TransformClient, stamp_ns
         ("stamps_ns", lambda: client.lookup_transforms("map", "base", stamp_ns)),
         ("stamp_ns", lambda: client.lookup_transform("map", "base", stamp_ns)),
         ("stamp_ns", lambda: client.lookup_velocity("map", "base", stamp_ns)),
+        ("stamp_ns", lambda: client.estimate_transform("map", "base", stamp_ns)),
+        ("stamps_ns", lambda: client.estimate_transforms("map", "base", stamp_ns)),
         ("stamp_ns", lambda: client.parent("base", stamp_ns)),
         ("stamp_ns", lambda: client.chain("map", "base", stamp_ns)),
         (

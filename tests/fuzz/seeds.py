@@ -56,7 +56,15 @@ def _infos() -> list[dict[str, Any]]:
     ]
     ends = {"target": "root", "source": "b"}
     paths: list[dict[str, Any]] = [{"what": "chain", **ends}, {"what": "ancestors", **ends}]
-    return [*plain, *named, *paths, velocity]
+    question = {"level": 0.9, "max_by_ns": 10**9, "radius_m": 0.5}
+    estimates: list[dict[str, Any]] = [
+        {"what": "estimate", **ends, **question, "stamp_ns": 5},
+        {
+            **{"what": "estimates", "names": ["root", "b"], **question},
+            **{"target": bytes(4), "source": bytes([1, 0, 0, 0]), "stamp": bytes(8)},
+        },
+    ]
+    return [*plain, *named, *paths, velocity, *estimates]
 
 
 def seeds() -> list[Seed]:

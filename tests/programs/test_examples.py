@@ -61,5 +61,15 @@ def test_async_client(server: Any) -> None:
     assert lines == ["wheels: 0.0 1.0 2.0 3.0", "the last: 3.0"]
 
 
+def test_docking(server: Any) -> None:
+    """It has to wait for a history, and to stop in the glare; no error may exceed its limit."""
+    *waits, docked, steps = run("docking.py", server.endpoint).splitlines()
+    assert waits and all(line.startswith("stands still: ") for line in waits)
+    left_mm, within_mm = _numbers(docked)
+    assert left_mm <= 10 and within_mm <= 30
+    moved, stood = _numbers(steps)
+    assert moved > 0 and stood > 10
+
+
 def _numbers(line: str) -> list[float]:
     return [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", line)]

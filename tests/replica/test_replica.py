@@ -18,6 +18,7 @@ from tests.conftest import StartServer, linux
 from tests.processes.ports import free_port
 from tests.processes.replicas import DEADLINE_S, FRAMES, reads_near, seen, step
 from tests.processes.servers import ServerProcess
+from tests.support import moving_arm
 from tests.support.raw import raw
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
@@ -159,6 +160,20 @@ def test_all_kinds_of_reads(primary: ServerProcess, near: TransformClient) -> No
     assert near.lookup_velocity("frame1", "map", at).linear.tolist() == pytest.approx([1e9, 0, 0])
     assert not near.can_transform("map", "nobody")
     assert {"replica_age_s", "replica_seq", "replica_snapshots"} <= near.stats().keys()
+    assert reads_near(near)
+
+
+def test_a_replica_estimates(primary: ServerProcess, near: TransformClient) -> None:
+    end_ns = time.time_ns()
+    moving_arm.fill(near, end_ns)
+    question = ("map", "tool", end_ns + 30 * moving_arm.MS)
+    found = near.estimate_transform(*question)
+    with primary.connect(10) as tf:
+        expected = tf.estimate_transform(*question)
+    assert found.error_m == pytest.approx(expected.error_m)
+    assert (found.backtests, found.by_ns) == (expected.backtests, expected.by_ns)
+    now = near.estimate_transform("map", "tool", max_by_s=100.0)
+    assert end_ns < now.stamp_ns <= time.time_ns()
     assert reads_near(near)
 
 

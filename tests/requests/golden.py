@@ -16,19 +16,31 @@ from typing import Any
 
 import numpy as np
 
-from zenoh_tf import StampedTransform, Transform, TransformTree, wire
+from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import TransformRows, reply_to_lookup
-from zenoh_tf._net import handover, keys, local_requests
+from zenoh_tf._net import keys, local_requests
 from zenoh_tf.errors import BY_CODE, FACTS, TransformException
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.wire import stream
 from zenoh_tf_client.session.server_info import parse_server_info
 
+from .golden_records import (
+    AUTHORITY,
+    CLIENT,
+    ESTIMATE,
+    ESTIMATE_COLUMNS,
+    ESTIMATES,
+    FRAME,
+    FRAMES,
+    HELLO,
+    INSTANCE,
+    NAMES,
+    RARE_EVENTS,
+)
+
 Read = Callable[[bytes], Any]
 
-INSTANCE = "00112233aabbccdd"
 ID = bytes(range(16))
-NAMES = ["map", "base", "ärm/1"]
 ROWS = TransformRows.of_tuples(
     [
         ("map", "base", 7, (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)),
@@ -51,9 +63,11 @@ EVERY_OPTION = wire.Lookup(
 INTEREST = wire.Interest.of([("map", "base"), ("ärm/1", "base")], 100, 5)
 WRITE = {"id": ID, "expires_ns": 1 << 40, "instance": INSTANCE}
 SETTINGS = wire.TreeSettings(10_000_000_000, 1000, 100, 255, 0)
-FACT_VALUES = {name: 2.5 if name == "value" else 3 for name in FACTS} | dict.fromkeys(
-    [name for name in FACTS if name.endswith(("frame", "root", "field"))], "map"
-)
+#: Of errors that are newer than the first of them.
+NEW_FACTS = {"error_m": 0.5, "error_rad": 0.25, "by_ns": 3}
+FACT_VALUES = {
+    name: 2.5 if name == "value" else 3 for name in FACTS if name not in NEW_FACTS
+} | dict.fromkeys([name for name in FACTS if name.endswith(("frame", "root", "field"))], "map")
 
 #: A change of every kind. Two samples of one commit have one version.
 CHANGES: wire.Changes = (
@@ -68,48 +82,6 @@ CHANGES: wire.Changes = (
     np.arange(21, dtype=float).reshape(3, 7),
     np.array([stream.NO_PARENT], np.uint32),
 )
-FRAMES: wire.Frames = (
-    NAMES,
-    ["", "lidar"],
-    np.array([0, 1, 2], np.uint32),
-    np.array([4, 8, 12], np.uint64),
-    np.array([0, 0, 1], np.uint8),
-    np.array([0, 1, 1], np.uint32),
-    np.array([0, 2, 1], np.uint32),
-    np.array([7, 8, 0]),
-    np.array([0, stream.NO_PARENT, 1], np.uint32),
-    np.arange(21, dtype=float).reshape(3, 7),
-)
-FRAME = {
-    **{"name": "base", "parent": "map", "authority": "lidar", "static": False, "samples": 2},
-    **{"oldest_stamp_ns": 7, "newest_stamp_ns": 8, "version": 12, "rewritten": 1, "dropped": 0},
-    **{"evicted": 0, "reparented": 1, "switched": 0, "authority_changes": 0, "time_jumps": 0},
-    "last_change": {
-        **{"kind": "reparented", "stamp_ns": 8, "authority": "lidar", "parent_before": "odom"},
-        "static_before": False,
-    },
-}
-RARE_EVENTS = {
-    "last_replacement": {
-        **{"count": 2, "at_ns": 9, "shift_m": 0.25, "turn_rad": 0.5, "authority_before": "lidar"},
-    },
-    "last_time_jump": {"at_ns": 8, "newest_stamp_ns": 7},
-}
-AUTHORITY = {
-    **{"name": "lidar", "frames": 1, "commits": 2, "stored": 3, "dropped": 0, "rewritten": 1},
-    **{"conflicts": 0, "refused": 1, "last_refusal": "why", "dropped_by_queue": 0},
-    **{"clock_offset_min_s": -0.5, "clock_offset_max_s": 0.25, "stamp_age_s": None},
-}
-CLIENT = {
-    **{"client": "a1b2", "address": None, "clock_offset_min_s": -0.5, "clock_offset_max_s": 0.5},
-    "clock_age_s": 1.0,
-}
-HELLO = {
-    **{"tree": "main", "instance": INSTANCE, "server_version": "0.1.0", "clock_ns": 1 << 40},
-    "limits": {"message_bytes": 1 << 24, "rows": 100_000},
-    "seq": 9,
-    "share": handover.Offer("boot", "/run/zenoh-tf/main.sock", True).fields(),
-}
 
 
 def reply(fields: wire.Message) -> bytes:
@@ -124,6 +96,12 @@ def read(parse: Callable[..., Any], *arguments: Any) -> Read:
 
 def read_value(kind: type, parse: Callable[[Any], Any] = lambda value: value) -> Read:
     return lambda data: parse(wire.parse_value(wire.unpack(data), kind))
+
+
+def read_estimate(value: Any) -> Any:
+    """An estimate with its pose as numbers, which JSON can hold."""
+    found: Any = Estimate.from_record(value)
+    return dataclasses.replace(found, transform=found.transform.pose())
 
 
 def call(what: str, **arguments: Any) -> tuple[Callable[[], bytes], Read]:
@@ -224,6 +202,13 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         averaging_interval_ns=10,
         reference_point=wire.raw(np.array([1.0, 2.0, 3.0]), wire.F64),
     ),
+    "info estimate": call(
+        "estimate", target="map", source="base", level=0.9, max_by_ns=500_000_000, radius_m=0.5
+    ),
+    "info estimates": (
+        lambda: wire.pack(wire.estimates_body(ESTIMATES)),
+        read(wire.parse_estimates),
+    ),
     "info stats": call("stats"),
     "info cancel": call("cancel", wait_ids=wire.raw(np.array([1, 2]), wire.I64)),
     "admin clear": (
@@ -288,6 +273,14 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         lambda: reply({"value": [CLIENT]}),
         read_value(list, lambda value: [ClientInfo(**record) for record in value]),
     ),
+    "reply to info estimate": (
+        lambda: reply({"value": ESTIMATE}),
+        read_value(dict, read_estimate),
+    ),
+    "reply to info estimates": (
+        lambda: reply({"value": wire.estimates_value(ESTIMATE_COLUMNS)}),
+        read(wire.parse_estimates_reply, 2),
+    ),
     "reply to an admin request": (
         lambda: reply({"value": None, "seq": 9}),
         read_value(type(None)),
@@ -342,7 +335,8 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
 
 def _add_errors() -> None:
     for code, kind in BY_CODE.items():
-        error = kind("why", **(FACT_VALUES if code == 1 else {"frame": "map"}))
+        facts = {1: FACT_VALUES, 21: {"frame": "map"} | NEW_FACTS}.get(code, {"frame": "map"})
+        error = kind("why", **facts)
 
         def write(error: TransformException = error) -> bytes:
             return wire.pack(wire.error_reply(INSTANCE, error))

@@ -28,7 +28,7 @@ from zenoh_tf import wire
 from zenoh_tf._core import parse_single_answer
 from zenoh_tf._net import keys
 
-from . import golden
+from . import golden, golden_records
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/reference/protocol.md"
 VERSIONS = [version for version in (wire.VERSION - 1, wire.VERSION) if version >= 1]
@@ -70,7 +70,7 @@ def test_each_type_of_message_has_an_example() -> None:
 
 def test_the_native_client_reads_what_the_native_server_writes() -> None:
     data = bytes.fromhex(STORED[wire.VERSION]["reply to a lookup, by the native path"]["bytes"])
-    found = parse_single_answer(data, golden.INSTANCE)
+    found = parse_single_answer(data, golden_records.INSTANCE)
     assert found is not None and found[:2] == (7, 7)
 
 

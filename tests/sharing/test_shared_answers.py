@@ -16,6 +16,7 @@ from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
 from tests.support.concurrency import CONTROLS
 from zenoh_tf import (
+    EstimateArray,
     InvalidArgumentException,
     StampedTransform,
     Transform,
@@ -86,6 +87,8 @@ def question(rng: random.Random) -> tuple[str, tuple[Any, ...]]:
             ("lookup_transforms", (frames(), b, [stamp() or 1 for _ in range(3)])),
             ("sample", (a, b, [NOW_NS, NOW_NS + 1])),
             ("lookup_velocity", (a, b, stamp(), rng.choice([0.01, 0.1]))),
+            ("estimate_transform", (a, b, NOW_NS + rng.randrange(2 * 10**9))),
+            ("estimate_transforms", (a, frames(), NOW_NS + rng.randrange(2 * 10**9))),
             ("parent", (a, stamp())),
             ("chain", (a, b, stamp())),
             ("frame", (a,)),
@@ -99,6 +102,9 @@ def outcome(tf: TransformClient, name: str, arguments: tuple[Any, ...]) -> Any:
         found = getattr(tf, name)(*arguments)
     except (TransformException, TypeError, ValueError) as error:
         return type(error).__name__, str(error), vars(error)
+    if isinstance(found, EstimateArray):
+        errors = found.error_m, found.error_rad, found.level, found.backtests, found.by_ns
+        return found.status.tolist(), rounded([each.tolist() for each in (found.poses, *errors)])
     if isinstance(found, TransformArray):
         return found.status.tolist(), found.stamps_ns.tolist(), rounded(found.translations)
     return rounded(found)
@@ -139,6 +145,9 @@ def test_both_ways_give_the_same_answers_and_errors(
         ("lookup_transform", ("a", "/b"), "source_frame"),
         ("lookup_transform_full", ("a", 1, "b", -(2**63), "c"), "source_stamp_ns"),
         ("lookup_velocity", ("a", "b", None, -1.0), "averaging_interval_s"),
+        ("estimate_transform", ("a", "/b", 1), "source_frame"),
+        ("estimate_transform", ("a", "b", 2**63), "stamp_ns"),
+        ("estimate_transforms", ("a", "b", [1.5]), "stamps_ns"),
         ("chain", ("a", ""), "source_frame"),
         ("frame", ("",), "frame"),
         ("explain", ("a", "/b"), "source_frame"),

@@ -1,6 +1,7 @@
-"""How far the clocks of servers are ahead of this machine's, for the age of mirrors.
+"""How far the clocks of servers are ahead of this machine's, for mirrors: their age, and what
+time it is at the server.
 
-Thread safety: all methods. `age_s` takes no lock.
+Thread safety: all methods. `age_s` and `real_ns` take no lock.
 
 Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """
@@ -33,10 +34,19 @@ class ServerClock:
         self._comparisons: deque[tuple[int, int]] = deque(maxlen=COMPARISONS)
         #: By instance: by how much its clock was ahead of this one's, at most, and when.
         self._best: dict[str, tuple[int, int]] = {}
+        #: By how much an instance's real-time clock is ahead of its other; the last that said so.
+        self._real = ("", 0)
 
-    def compared(self, instance: str, begin_ns: int, clock_ns: int) -> None:
-        """Take it that a server has read its clock after `begin_ns` of this machine's."""
+    def compared(
+        self, instance: str, begin_ns: int, clock_ns: int, real_ns: int | None = None
+    ) -> None:
+        """Take it that a server has read its clock after `begin_ns` of this machine's.
+
+        `real_ns`: its real-time clock at the same time, if it has sent that.
+        """
         at_ns = now_ns()
+        if real_ns is not None:
+            self._real = instance, real_ns - clock_ns
         with self._lock:
             known = self._best
             if instance != self._latest:
@@ -52,7 +62,18 @@ class ServerClock:
         best = self._best.get(instance)
         if best is None:
             return float("inf")
-        offset_ns, at_ns = best
-        here_ns = now_ns()
-        offset_ns += (here_ns - at_ns) // _DRIFT
-        return max(0, here_ns + offset_ns - clock_ns) / 1e9
+        return max(0, _now_there_ns(best) - clock_ns) / 1e9
+
+    def real_ns(self) -> int:
+        """The time by the server's real-time clock, at most a round trip too late; by this
+        machine's, if the server has not sent its own."""
+        instance, ahead_ns = self._real
+        best = self._best.get(instance)
+        return time.time_ns() if best is None else _now_there_ns(best) + ahead_ns
+
+
+def _now_there_ns(best: tuple[int, int]) -> int:
+    """The time by a server's clock at most, from the best comparison with it."""
+    offset_ns, at_ns = best
+    here_ns = now_ns()
+    return here_ns + offset_ns + (here_ns - at_ns) // _DRIFT

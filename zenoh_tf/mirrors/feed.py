@@ -116,7 +116,7 @@ class MirrorFeed:
         #: Grows with the messages that have come. Written by the listening thread alone.
         self.heard = 0
         self._is_applying = False  # written by the listening thread alone
-        self._clock = ServerClock()
+        self.clock = ServerClock()
         #: Another one once the stream was silent.
         self.subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
         self._thread = self._runner.listen(self)
@@ -143,7 +143,7 @@ class MirrorFeed:
     def age_s(self, state: State | None = None) -> float:
         """How old the copy, or what it was in a state, is at most; infinite before there is one."""
         state = state or self.state
-        return self._clock.age_s(state.instance, state.clock_ns)
+        return self.clock.age_s(state.instance, state.clock_ns)
 
     def wait(self, is_reached: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until `is_reached()`, which runs after each change and under the lock, is true.
@@ -328,7 +328,7 @@ class MirrorFeed:
                 if self._interest is not None and "kind" not in reply:
                     raise ServerUnavailable("the server knows no interests")
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
-                self._clock.compared(instance, begin_ns, clock_ns)
+                self.clock.compared(instance, begin_ns, clock_ns)
         except Exception as error:
             yield from self._fail(request, error)
             return
@@ -379,7 +379,7 @@ class MirrorFeed:
             server = yield AskStatus()
         except TransformException:
             return False
-        self._clock.compared(server.instance, begin_ns, server.clock_ns)
+        self.clock.compared(server.instance, begin_ns, server.clock_ns, server.real_ns)
         if is_ahead(state, server):
             with self._changed:
                 if self.state.tree is state.tree:

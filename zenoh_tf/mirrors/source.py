@@ -25,6 +25,7 @@ class ServerStatus:
     instance: str
     clock_ns: int
     seq: int | None  # the number of its last commit; None if it does not say
+    real_ns: int | None = None  # its real-time clock; None if it does not say
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,10 @@ _ISO: Final = re.compile(
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 #: What a number without a unit may mean.
 _LENGTHS: Final = "{0} seconds or {0} milliseconds; write {0}s or {0}ms"
-_ANGLE: Final = re.compile(rf"(?P<number>[+-]?{_NUMBER})(?P<unit>deg|rad)?", re.ASCII)
+_DISTANCE: Final = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>mm|cm|m)?", re.ASCII)
+_METRES: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_ANGLE: Final = re.compile(rf"(?P<number>[+-]?{_NUMBER})(?P<unit>deg|rad|mrad)?", re.ASCII)
+_RADIANS: Final = {"deg": math.pi / 180, "mrad": 1e-3, "rad": 1.0}
 #: The last time that a stamp can say.
 _MAX_NS: Final = (1 << 63) - 1
 
@@ -119,11 +122,24 @@ def number(
     return parse
 
 
-def angle(*, bare: bool = False) -> Callable[[str], float]:
+def length(text: str) -> float:
+    """A length with its unit, in metres; not negative. 0 needs no unit."""
+    match = _DISTANCE.fullmatch(text.strip())
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length; give 5mm, 2cm or 0.1m")
+    value = float(match["number"])
+    if match["unit"] is None and value:
+        raise _ambiguous(text, "{0} metres or {0} millimetres; write {0}m or {0}mm")
+    _in_range(value, text, "number", -math.inf, math.inf, False, "")
+    return value * _METRES[match["unit"] or "m"]
+
+
+def angle(*, bare: bool = False, low: float = -math.inf) -> Callable[[str], float]:
     """A type for an angle with its unit, in radians; 0 needs no unit.
 
     Args:
         bare: A number alone is in radians, as other programs write it.
+        low: The least angle, in radians.
     """
 
     def parse(text: str) -> float:
@@ -133,8 +149,8 @@ def angle(*, bare: bool = False) -> Callable[[str], float]:
         value = float(match["number"])
         if match["unit"] is None and value and not bare:
             raise _ambiguous(text, "{0} degrees or {0} radians; write {0}deg or {0}rad")
-        _in_range(value, text, "number", -math.inf, math.inf, False, "")
-        return math.radians(value) if match["unit"] == "deg" else value
+        _in_range(value, text, "number", low, math.inf, False, "")
+        return value * _RADIANS[match["unit"] or "rad"]
 
     return parse
 

@@ -1,8 +1,9 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
-`fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `commit` writes,
-`calls` batches, info and admin requests, `stats` counters, `stream` what mirrors follow, and
-`interest` which part of it. docs/reference/protocol.md describes it for other languages.
+`fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `estimates` has
+poses with errors, `commit` writes, `calls` batches, info and admin requests, `stats` counters,
+`stream` what mirrors follow, and `interest` which part of it. docs/reference/protocol.md describes
+it for other languages.
 """
 
 from .calls import (
@@ -31,6 +32,14 @@ from .error_codec import (
     error_reply,
     raise_error,
 )
+from .estimates import (
+    ESTIMATE_BYTES,
+    Estimates,
+    estimates_body,
+    estimates_value,
+    parse_estimates,
+    parse_estimates_reply,
+)
 from .fields import (
     F64,
     I64,
@@ -43,6 +52,7 @@ from .fields import (
     integer,
     mapping,
     name,
+    number,
     pack,
     pack_in_steps,
     raw,
@@ -112,6 +122,7 @@ from .stream import (
 )
 
 __all__ = [
+    "ESTIMATE_BYTES",
     "F64",
     "I64",
     "LEAST_INSTANCE",
@@ -132,6 +143,7 @@ __all__ = [
     "AnswerRow",
     "Changes",
     "Commit",
+    "Estimates",
     "Frames",
     "Interest",
     "Lookup",
@@ -156,6 +168,8 @@ __all__ = [
     "decode_error",
     "encode_error",
     "error_reply",
+    "estimates_body",
+    "estimates_value",
     "flag",
     "integer",
     "is_behind",
@@ -166,6 +180,7 @@ __all__ = [
     "missed_reply",
     "missed_request",
     "name",
+    "number",
     "one_answer",
     "one_read",
     "pack",
@@ -175,6 +190,8 @@ __all__ = [
     "parse_batch_reply",
     "parse_commit",
     "parse_commit_reply",
+    "parse_estimates",
+    "parse_estimates_reply",
     "parse_interest",
     "parse_lookup",
     "parse_lookup_reply",

@@ -283,6 +283,14 @@ def integer(message: Message, field: str, default: int | None = None, low: int =
     return value
 
 
+def number(message: Message, field: str, default: float | None = None) -> float:
+    """A float, which may be infinite or NaN; a msgpack integer stands for the float."""
+    value = message.get(field, default)
+    if type(value) is not int and type(value) is not float:
+        raise malformed(field, "a number")
+    return float(value)
+
+
 def mapping(message: Message, field: str) -> Message:
     value = message.get(field)
     if type(value) is not dict or not all(type(key) is str for key in value):

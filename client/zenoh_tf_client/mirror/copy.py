@@ -136,6 +136,9 @@ class MirrorCopy(MirrorReads):
             raise ServerUnavailable("the mirror is closed")
         return tree
 
+    def _server_now_ns(self) -> int:
+        return self._feed.clock.real_ns()
+
     def _install(self, tree: TransformTree | None) -> None:
         """Read in another tree, or in none; see `reads`."""
         if tree is not None and self._interest is not None:

@@ -65,4 +65,4 @@ class MirrorSource:
     def status(self) -> ServerStatus:
         """Ask the server for its instance id, its clock and its last commit."""
         server = self._connection.hello()
-        return ServerStatus(server.instance, server.clock_ns, server.seq)
+        return ServerStatus(server.instance, server.clock_ns, server.seq, server.real_ns)

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from zenoh_tf import (
     AuthorityInfo,
+    Estimate,
+    EstimateArray,
     FrameInfo,
     LatestTransform,
     StampedTransform,
@@ -17,7 +19,7 @@ from zenoh_tf import (
     Velocity,
 )
 
-from . import info, lookups, writes
+from . import estimates, info, lookups, writes
 from .handle import Handle
 from .request import Request
 
@@ -115,6 +117,51 @@ class BatchOperations(ABC):
                 reference_frame=reference_frame,
                 reference_point=reference_point,
                 reference_point_frame=reference_point_frame,
+            )
+        )
+
+    def estimate_transform(
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        max_error_m: float | None = None,
+        max_error_rad: float | None = None,
+        min_level: float | None = None,
+        radius_m: float = 0.0,
+    ) -> Handle[Estimate]:
+        """As `TransformClient.estimate_transform`."""
+        return self._record(
+            estimates.estimate_transform(
+                target,
+                source,
+                stamp_ns,
+                level=level,
+                max_by_s=max_by_s,
+                max_error_m=max_error_m,
+                max_error_rad=max_error_rad,
+                min_level=min_level,
+                radius_m=radius_m,
+            )
+        )
+
+    def estimate_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        radius_m: float = 0.0,
+    ) -> Handle[EstimateArray]:
+        """As `TransformClient.estimate_transforms`."""
+        return self._record(
+            estimates.estimate_transforms(
+                targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m
             )
         )
 

@@ -23,6 +23,7 @@ class ServerInfo:
     rows: int  # transforms in one message
     offer: handover.Offer | None = None  # of its tree's memory
     seq: int | None = None  # the number of its last commit, when it replied
+    real_ns: int | None = None  # its real-time clock, when it replied
 
     def check_size(self, payload: bytes) -> bytes:
         """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
@@ -59,4 +60,5 @@ def parse_server_info(value: dict[str, Any], now_ns: int) -> ServerInfo:
         wire.integer(limits, "rows"),
         handover.parse_offer(value.get(handover.HELLO_FIELD)),
         wire.integer(value, "seq") if "seq" in value else None,
+        wire.integer(value, "real_ns") if "real_ns" in value else None,
     )

@@ -20,6 +20,7 @@ from typing import NoReturn
 from zenoh_tf import (
     BackwardExtrapolationException,
     ForwardExtrapolationException,
+    TooUncertain,
     TransformException,
 )
 from zenoh_tf.text import printable
@@ -34,8 +35,17 @@ from zenoh_tf_tools.cli.recordings import query, record, replay
 from zenoh_tf_tools.cli.setup import calibration, urdf
 from zenoh_tf_tools.cli.show import foxglove, monitor, plot, top
 from zenoh_tf_tools.cli.show import view as viewer
-from zenoh_tf_tools.cli.tree import doctor, explain, follow, inspect, lookups, static, write
-from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.cli.tree import (
+    doctor,
+    estimate,
+    explain,
+    follow,
+    inspect,
+    lookups,
+    static,
+    write,
+)
+from zenoh_tf_tools.errors import FAULT_FOUND, CommandError
 
 # argparse reads "-1e-3" and "-5." as options, but "-0.001" as a number.
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
@@ -49,7 +59,7 @@ values:     DURATION 20ms, 2s or 5min; TIME 2026-01-31T12:00:00Z, 1700000000.5s 
             in a recording +10s (after its first stamp) or -2s (before its last one);
             docs/reference/commands.md has the grammar
 exit codes: 0 done, 1 rejected or failed, 2 wrong usage, 3 the command has found what is wrong
-            (doctor: a fault; explain: why the lookup fails)
+            (doctor: a fault; explain: why the lookup fails; estimate: too uncertain)
 errors:     one line on stderr; with --json a JSON object there, with the keys
             "type", "message" and "fields" (the fields of the exception)
 """
@@ -81,9 +91,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TransformException as error:
         notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
         name, message = type(error).__name__, f"{error}{_distance(error)}{notes}"
+        code = FAULT_FOUND if isinstance(error, TooUncertain) else 1
         if args.json:
-            return _fail_json(1, name, message, error.facts)
-        return _fail(f"{name}: {message}")
+            return _fail_json(code, name, message, error.facts)
+        return _fail(f"{name}: {message}", code)
     except CommandError as error:
         return _fail_json(1, "CommandError", str(error), {}) if args.json else _fail(str(error))
 
@@ -93,9 +104,9 @@ def run() -> NoReturn:
     sys.exit(main())
 
 
-def _fail(message: str) -> int:
+def _fail(message: str, code: int = 1) -> int:
     print("zenoh-tf: " + printable(" ".join(message.split())), file=sys.stderr)
-    return 1
+    return code
 
 
 def _distance(error: TransformException) -> str:
@@ -151,7 +162,19 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     parsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     commands = Commands(parsers, common)
     for family in (
-        *(lookups, explain, follow, doctor, inspect, monitor, top, viewer, foxglove, plot),
+        *(
+            lookups,
+            estimate,
+            explain,
+            follow,
+            doctor,
+            inspect,
+            monitor,
+            top,
+            viewer,
+            foxglove,
+            plot,
+        ),
         *(write, static, urdf, calibration, query, record, replay),
     ):
         family.add(commands)

@@ -122,6 +122,7 @@ class Upstream:
             wire.text(reply, "instance"),
             wire.integer(value, "clock_ns"),
             wire.integer(value, "seq") if "seq" in value else None,
+            wire.integer(value, "real_ns") if "real_ns" in value else None,
         )
 
     def send(

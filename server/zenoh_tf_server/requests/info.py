@@ -15,6 +15,7 @@ from zenoh_tf.text import quoted
 from ..ingest.clock_offsets import ClockOffsets
 from ..ingest.refusals import Refusals
 from ..limits import Limits
+from .estimates import Estimates
 
 #: Trees of more frames are not counted again for each `stats` and `authorities`.
 _LARGE_TREE: Final = 100_000
@@ -62,6 +63,7 @@ class InfoRequests:
         """`counters`: the server's own counters, added to the tree's in `stats`."""
         self._tree = tree
         self._name_bytes = limits.name_bytes
+        self._estimates = Estimates(tree, limits)
         self._refusals = refusals
         self._clocks = clocks
         self._counters = counters
@@ -93,6 +95,10 @@ class InfoRequests:
             return self._chain(message, budget)
         if what == "velocity":
             return self._velocity(message, budget)
+        if what == "estimate":
+            return self._estimates.one(message, budget)
+        if what == "estimates":
+            return self._estimates.rows(message, budget)
         if what == "stats":
             return self._stats_of(budget)
         raise InvalidArgumentException(f"unknown info request {quoted(what)}", field="what")

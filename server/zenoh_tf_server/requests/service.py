@@ -349,7 +349,7 @@ class Service(Handler):
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
-        known = self._identity | {"clock_ns": time.monotonic_ns()}
+        known = self._identity | {"clock_ns": time.monotonic_ns(), "real_ns": time.time_ns()}
         if self.last_seq is not None:
             known["seq"] = self.last_seq()
         if self.offer is not None and (access is None or "read" in access["may"]):

@@ -1,5 +1,5 @@
-"""Commands that ask and change a tree: `lookups`, `explain`, `follow`, `inspect`, `doctor`;
-`write`, `static`.
+"""Commands that ask and change a tree: `lookups`, `estimate`, `explain`, `follow`, `inspect`,
+`doctor`; `write`, `static`.
 
 In come names, stamps and poses as people write them; out goes text or JSON.
 """

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 
-from zenoh_tf import Explanation
+from zenoh_tf import Explanation, TransformException
+from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import live_time, recorded_time
+from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.tree import estimate
 from zenoh_tf_tools.errors import FAULT_FOUND
 
 
@@ -18,8 +21,9 @@ def add(commands: Commands) -> None:
         _explain,
         "say why a lookup fails or is old, and what to do",
         "Print the chain between two frames link by link, read at one instant, which link limits "
-        "the lookup, why it fails if it does, and what to do. With FILE: a lookup in a recording. "
-        "Exit code 3 if it fails.",
+        "the lookup, why it fails if it does, and what to do; also how well the pose is known now, "
+        "and what would make that better. With FILE: a lookup in a recording. Exit code 3 if it "
+        "fails.",
         "zenoh-tf explain map camera",
         "zenoh-tf explain map camera --at now-0.5s",
         "zenoh-tf explain run.mcap map camera --at +10s",
@@ -30,17 +34,35 @@ def add(commands: Commands) -> None:
 
 
 def _explain(args: argparse.Namespace) -> int:
-    found = _found(args)
-    output.show(args, found.document(), found.text(output.paint))
+    found, now = _found(args)
+    document = found.document() | ({} if now is None else {"now": now[0]})
+    text = found.text(output.paint)
+    output.show(args, document, text if now is None else f"{text}\n\n{now[1]}")
     return 0 if found.possible else FAULT_FOUND
 
 
-def _found(args: argparse.Namespace) -> Explanation:
+def _found(args: argparse.Namespace) -> tuple[Explanation, tuple[dict[str, object], str] | None]:
+    """The explanation, and on a server what `_now` says."""
     if args.file is None:
         stamp_ns = recorded.time_at(args, live_time)
         with connect(args) as tf:
-            return tf.explain(args.target, args.source, stamp_ns)
+            found = tf.explain(args.target, args.source, stamp_ns)
+            return found, _now(tf, found)
     time = recorded.time_at(args, recorded_time)
     tree, range_ns = recorded.loaded(args)
     stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
-    return tree._explain(args.target, args.source, stamp_ns, recorded=True)
+    return tree._explain(args.target, args.source, stamp_ns, recorded=True), None
+
+
+def _now(tf: TransformClient, found: Explanation) -> tuple[dict[str, object], str] | None:
+    """How well the pose is known now, and what would make that better; None if nothing moves, or
+    it is unknown."""
+    if not found.by_clock or all(link.static for link in found.links):
+        return None
+    try:
+        answer = tf.estimate_transform(found.target, found.source)
+    except TransformException:
+        return None
+    better = estimate.advice(tf, answer) or ""
+    text = f"Estimated for now, it is {estimate.bounds(answer)}. {better}"
+    return estimate.document(answer) | {"advice": better}, printable(text.rstrip())

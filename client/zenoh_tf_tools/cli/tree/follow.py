@@ -5,14 +5,17 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
-from zenoh_tf import ServerUnavailable, TransformException
+from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
 from zenoh_tf.text.flag_values import duration, number, whole
+from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.quit_key import ends_on_q
+from zenoh_tf_tools.cli.tree import estimate
 
 #: Pause before the next attempt to find a server.
 _RETRY_S: Final = 0.2
@@ -28,10 +31,12 @@ def add(commands: Commands) -> None:
         "Print the pose of SOURCE in TARGET at the latest common time, again and again, until "
         "q or Ctrl-C. A lookup that fails is reported once on stderr, and tried again. With "
         "--on-change, the server pushes the pose from the newest sample of each link, and it is "
-        "printed when it changes. --json prints one document per line.",
+        "printed when it changes. With --estimate, it is the pose now, and how wrong it may be. "
+        "--json prints one document per line.",
         "zenoh-tf echo map base_link",
         "zenoh-tf echo map base_link --rate 10 --count 5 --json",
         "zenoh-tf echo map base_link --on-change --count 1",
+        "zenoh-tf echo map base_link --estimate --rate 5",
     )
     add_frames(echo)
     echo.add_argument(
@@ -40,7 +45,14 @@ def add(commands: Commands) -> None:
         type=number(0.0, above=True),
         help="how often (default 1), or how often at most with --on-change (default: all changes)",
     )
-    echo.add_argument("--on-change", action="store_true", help="print the pose when it changes")
+    kinds = echo.add_mutually_exclusive_group()
+    kinds.add_argument("--on-change", action="store_true", help="print the pose when it changes")
+    kinds.add_argument(
+        "--estimate",
+        action="store_true",
+        help="print the pose now and its error (zenoh-tf estimate)",
+    )
+    estimate.add_options(echo)
     echo.add_argument("--count", metavar="N", type=whole(1), help="end after so many poses")
 
     wait = commands.add(
@@ -68,25 +80,33 @@ def _echo(args: argparse.Namespace) -> int:
     if args.on_change:
         return _echo_changes(args)
     rate_hz = args.rate or 1.0
+    ask: Callable[[TransformClient, argparse.Namespace], Any] = _look_up
+    show: Callable[[argparse.Namespace, TransformClient, Any], None] = output.show_answer
+    if args.estimate:
+        ask, show = estimate.ask, estimate.show_again
     with connect(args) as tf, ends_on_q():
         printed, reported = 0, ""
         start_s = time.monotonic()
         for tick in itertools.count(1):
             try:
-                answer = tf.lookup_transform(args.target, args.source)
+                answer = ask(tf, args)
             except TransformException as error:
                 if type(error).__name__ != reported:
                     reported = type(error).__name__
                     output.report_waiting(error, args.json)
             else:
                 reported = ""
-                output.show_answer(args, tf, answer)
+                show(args, tf, answer)
                 printed += 1
                 if printed == args.count:
                     return 0
             # By the start, so that the pauses do not add up.
             time.sleep(max(0.0, start_s + tick / rate_hz - time.monotonic()))
     return 0
+
+
+def _look_up(tf: TransformClient, args: argparse.Namespace) -> StampedTransform:
+    return tf.lookup_transform(args.target, args.source)
 
 
 def _echo_changes(args: argparse.Namespace) -> int:

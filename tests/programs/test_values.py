@@ -12,7 +12,16 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf.text.flag_values import angle, duration, live_time, number, recorded_time, size, whole
+from zenoh_tf.text.flag_values import (
+    angle,
+    duration,
+    length,
+    live_time,
+    number,
+    recorded_time,
+    size,
+    whole,
+)
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli.output import when
 
@@ -128,6 +137,11 @@ def test_durations(text: str, seconds: float) -> None:
         (whole(1, 65_535), "70000", "'70000' is not a whole number from 1 to 65,535"),
         (whole(0), "1.5", "'1.5' is not a whole number from 0 to 1,000,000,000"),
         (whole(0), "²", "is not a whole number"),
+        (length, "2", "'2' is ambiguous: 2 metres or 2 millimetres; write 2m or 2mm"),
+        (length, "-2cm", "'-2cm' is not a length; give 5mm, 2cm or 0.1m"),
+        (length, "2km", "'2km' is not a length"),
+        (angle(), "1°", "'1°' is not an angle; give 90deg or 1.57rad"),
+        (angle(low=0.0), "-1deg", "'-1deg' is not a number of at least 0"),
         (size(1 << 20), "1K", "'1K' is not a number of bytes of at least 1,048,576, such as 512MB"),
         (size(), "1T", "'1T' is not a number of bytes of at least 1"),
     ],
@@ -153,6 +167,8 @@ def test_angles() -> None:
 def test_numbers() -> None:
     assert number()("-1e-3") == -0.001
     assert whole(1)("7") == 7
+    assert [length(text) for text in ("5mm", "2cm", "0.1m", "0")] == [0.005, 0.02, 0.1, 0.0]
+    assert [angle()(text) for text in ("180deg", "20mrad", "0.1rad")] == [math.pi, 0.02, 0.1]
     assert [size()(text) for text in ("512", "1K", "512MB", "4g")] == [512, 1024, 1 << 29, 4 << 30]
 
 
@@ -164,6 +180,7 @@ def test_the_page_has_only_what_can_be_read() -> None:
         "time of a running tree": (live_time,),
         "time of a recording": (recorded_time,),
         "duration": (duration(),),
+        "length": (length,),
         "angle": (angle(),),
         "number": (number(),),
         "whole number": (whole(0),),

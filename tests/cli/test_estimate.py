@@ -1,0 +1,95 @@
+"""``zenoh-tf estimate``, ``echo --estimate``, and what ``explain`` says about now."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+
+from tests.support.command_line import Run
+from tests.support.moving_arm import MS, fill
+from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.cli.tree.estimate import metres
+
+from .conftest import document, refusal, succeeds
+
+END_NS = 10**18
+AT = ("--at", f"{END_NS + 30 * MS}ns")
+
+
+@pytest.fixture
+def run(run_here: Run) -> Run:
+    return run_here
+
+
+def test_a_pose_and_its_error(run: Run, client: TransformClient) -> None:
+    fill(client, END_NS)
+    found = client.estimate_transform("map", "tool", END_NS + 30 * MS)
+    shown = document(run("estimate", "map", "tool", *AT, "--json"))
+    assert shown["translation"] == pytest.approx(found.transform.translation.tolist())
+    assert shown["error_m"] == pytest.approx(found.error_m)
+    assert shown["error_rad"] == pytest.approx(found.error_rad)
+    assert (shown["level"], shown["backtests"]) == (found.level, found.backtests)
+    assert (shown["basis"], shown["by_ns"]) == ("backtest", 30 * MS)
+    assert shown["predictor"] == dict(found.predictor)
+
+    lines = succeeds(run("estimate", "map", "tool", *AT)).splitlines()
+    assert lines[0] == "tool in map"
+    rows = {line.split()[0]: line.split(maxsplit=1)[1] for line in lines[1:] if line.strip()}
+    assert rows["error"].startswith(f"within {metres(found.error_m)} and ")
+    assert f"of {found.backtests} backtests)" in rows["error"]
+    assert "30 ms: base by " in rows["carried"]
+    static = succeeds(run("estimate", "arm", "tool"))
+    assert "error        none: all links are static" in static
+
+
+def test_what_would_make_it_better(run: Run, client: TransformClient) -> None:
+    fill(client, END_NS)
+    shown = document(run("estimate", "map", "tool", *AT, "--json"))
+    parent, child = shown["limiting_link"]
+    assert shown["advice"].startswith(f"{parent} -> {child} makes ")
+    assert f"of the {metres(shown['error_m'])}: driver publishes at " in shown["advice"]
+    assert shown["advice"] in succeeds(run("estimate", "map", "tool", *AT))
+
+
+def test_exit_code_3_if_it_is_too_uncertain(run: Run, client: TransformClient) -> None:
+    fill(client, END_NS)
+    succeeds(run("estimate", "map", "tool", *AT, "--max-error", "1m", "--max-angle", "1rad"))
+    for limit in (("--max-error", "0.001mm"), ("--max-angle", "0.0001deg")):
+        ended = run("estimate", "map", "tool", *AT, *limit)
+        assert (ended.returncode, ended.stdout) == (3, "")
+        assert ended.stderr.startswith("zenoh-tf: TooUncertain: ")
+        assert len(ended.stderr.splitlines()) == 1
+    error = json.loads(run("estimate", "map", "tool", *AT, *limit, "--json").stderr)
+    assert error["type"] == "TooUncertain" and error["fields"]["by_ns"] == 30 * MS
+    assert "LookupException" in refusal(run("estimate", "map", "nobody", *AT))
+    assert "500" in refusal(run("estimate", "map", "tool", "--at", f"{END_NS + 501 * MS}ns"))
+    later = run("estimate", "map", "tool", "--at", f"{END_NS + 501 * MS}ns", "--max-by", "1s")
+    succeeds(later)
+
+
+def test_echo_and_explain_are_about_now(run: Run, client: TransformClient) -> None:
+    fill(client, time.time_ns())
+    now = ("--estimate", "--max-by", "200s", "--rate", "50", "--count", "2")
+    shown = succeeds(run("echo", "map", "tool", *now, "--json")).splitlines()
+    first, second = (json.loads(line) for line in shown)
+    assert first["stamp_ns"] < second["stamp_ns"]
+    assert 0 < first["by_ns"] < second["by_ns"]
+    assert "  error  " in succeeds(run("echo", "map", "tool", *now))
+
+
+def test_explain_says_how_well_it_is_known_now(run: Run, client: TransformClient) -> None:
+    fill(client, time.time_ns() + 10**9)  # so that now is not beyond what may be estimated
+    text = succeeds(run("explain", "map", "tool"))
+    assert "\n\nEstimated for now, it is within " in text
+    assert document(run("explain", "map", "tool", "--json"))["now"]["error_m"] >= 0
+    assert "Estimated" not in succeeds(run("explain", "arm", "tool"))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.11, "11 cm"), (0.0004, "0.4 mm"), (0.0204, "2 cm"), (1.26, "1.3 m"), (0.996, "100 cm")],
+)
+def test_metres(value: float, text: str) -> None:
+    assert metres(value) == text
