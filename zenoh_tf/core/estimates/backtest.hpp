@@ -8,12 +8,13 @@
 
 namespace ztf {
 
+// Over more times the distance of two samples one would see nothing but their noise.
+inline constexpr double kMostRatio = 100;
+
 // Returns the pose that a predictor gives. Requires the pose before of that predictor, and the time
 // from `last` by that from `before` to `last`.
 inline Pose predict(Predictor predictor, const Pose& last, const Pose& before,
                     double ratio) noexcept {
-  // Over so many times the distance of two samples their noise would be all that one sees.
-  constexpr double kMostRatio = 100;
   return predictor != Predictor::hold && ratio <= kMostRatio ? carry_on(before, last, ratio) : last;
 }
 

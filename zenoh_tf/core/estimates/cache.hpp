@@ -33,6 +33,11 @@ class EstimateCache {
   // Keeps a backtest, and drops those that were not used for longest if there are too many.
   void insert(const Key& key, Stamp grid, std::uint64_t edits, Entry entry);
 
+  [[nodiscard]] std::size_t size() {
+    const std::lock_guard lock(mutex_);
+    return entries_.size();
+  }
+
   static constexpr std::size_t kMostEntries = 256, kMostBytes = std::size_t{4} << 20;
 
  private:

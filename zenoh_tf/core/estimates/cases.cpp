@@ -79,7 +79,8 @@ std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& 
   if (end <= begin) return {};
   const double most = std::min(window_s * kSecond, elapsed_ns(begin, end));
   // Instants are counted from a grid, so that the same history gives the same instants.
-  const Stamp on_grid = end - ((end % kGrid) + kGrid) % kGrid;
+  const Stamp past_grid = ((end % kGrid) + kGrid) % kGrid;
+  const Stamp on_grid = end > kNoStamp + kGrid ? end - past_grid : end;
   if (on_grid > begin && elapsed_ns(begin, on_grid) > 0.5 * most) end = on_grid;
   const double span = std::min(most, elapsed_ns(begin, end));
   cases.span_s = span / kSecond;

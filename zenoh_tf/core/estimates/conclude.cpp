@@ -1,6 +1,8 @@
 // How the pose is composed, and which bound counts.
 #include "estimates/conclude.hpp"
 
+#include "geometry/pose4.hpp"
+
 namespace ztf {
 
 namespace {
@@ -16,11 +18,64 @@ Predictor predictor_of(const Backtest* backtest, std::size_t link) noexcept {
   return backtest ? backtest->predictors[link] : Predictor::hold;
 }
 
-Pose pose_of(const LinkNow& link, Predictor predictor) noexcept {
-  if (predictor == Predictor::hold) return link.pose();
-  const StampedPose& before = link.before[static_cast<std::size_t>(predictor) - 1];
-  const double ratio = link.elapsed / elapsed_ns(before.stamp, link.older.stamp);
-  return predict(predictor, link.older.pose, before.pose, ratio);
+// What a link is carried on from, and for how many times the time between these samples.
+struct Carried {
+  std::size_t link;
+  const Pose *before, *last;
+  double ratio;
+};
+
+// Sets the poses of up to four links at once, which takes as long as that of one or two.
+ZTF_MULTIVERSION void carry_on_four(std::span<const Carried> links,
+                                    std::span<Pose> poses) noexcept {
+  Pose4 older, newer;
+  Double4 ratio, largest;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Carried& c = links[std::min(i, links.size() - 1)];
+    const auto put = [i](Pose4& to, const Pose& from) {
+      to.x[i] = from.x, to.y[i] = from.y, to.z[i] = from.z;
+      to.qx[i] = from.qx, to.qy[i] = from.qy, to.qz[i] = from.qz, to.qw[i] = from.qw;
+    };
+    put(older, *c.before);
+    put(newer, *c.last);
+    ratio[i] = c.ratio;
+  }
+  const Pose4 carried = carry_on_by_series(older, newer, ratio, largest);
+  for (std::size_t i = 0; i < links.size(); ++i) {
+    const Carried& c = links[i];
+    poses[c.link] =
+        largest[i] < kSmallSquare ? lane(carried, i) : carry_on(*c.before, *c.last, c.ratio);
+  }
+}
+
+using Poses = SmallVector<Pose, 16>;
+
+// Sets the pose of each link at the time.
+void find_poses(const PathNow& path, const Backtest* backtest, Poses& poses) {
+  const std::span<Pose> all(poses.append(path.links.size()), path.links.size());
+  Carried carried[4];
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const LinkNow& link = path.links[i];
+    const Predictor predictor = predictor_of(backtest, i);
+    const StampedPose& before =
+        link.before[predictor == Predictor::hold ? 0 : static_cast<std::size_t>(predictor) - 1];
+    const double ratio = predictor == Predictor::hold
+                             ? 0
+                             : link.elapsed / elapsed_ns(before.stamp, link.older.stamp);
+    if (predictor == Predictor::hold || !(ratio <= kMostRatio)) {
+      all[i] = link.pose();
+      continue;
+    }
+    carried[n++] = {i, &before.pose, &link.older.pose, ratio};
+    if (n < 4) continue;
+    carry_on_four(carried, all);
+    n = 0;
+  }
+  if (n == 1)
+    all[carried[0].link] = carry_on(*carried[0].before, *carried[0].last, carried[0].ratio);
+  else if (n > 1)
+    carry_on_four({carried, n}, all);
 }
 
 void find_largest(std::span<const double> shares, const PathNow& path, EstimateAnswer& a) noexcept {
@@ -34,7 +89,7 @@ void find_largest(std::span<const double> shares, const PathNow& path, EstimateA
 // Replaces the bounds by those that the limits allow, where these are larger. If all links that
 // move have limits, they are guaranteed.
 void apply_limits(const EstimateQuery& q, const PathNow& path, const Backtest* backtest,
-                  std::span<const MotionLimits> limits, EstimateAnswer& a) {
+                  const Poses& poses, std::span<const MotionLimits> limits, EstimateAnswer& a) {
   std::vector<double> shares(path.links.size());
   bool all = true;
   double metres = 0, radians = 0;
@@ -42,7 +97,7 @@ void apply_limits(const EstimateQuery& q, const PathNow& path, const Backtest* b
   for (std::size_t i = path.links.size(); i-- > 0;) {
     const LinkNow& link = path.links[i];
     const Predictor predictor = predictor_of(backtest, i);
-    const Pose pose = pose_of(link, predictor);
+    const Pose& pose = poses.begin()[i];
     if (link.inverted) to_source = inverse(pose) * to_source;
     Residual r = deviation(link, predictor, pose, limits[i]);
     all &= r.metres < kInfinite && r.radians < kInfinite;
@@ -96,10 +151,12 @@ void conclude(const EstimateQuery& q, const PathNow& path, const Backtest* backt
   a.parent = a.child = 0;
   a.carried.clear();
   bool is_static = true;
+  Poses poses;
+  find_poses(path, backtest, poses);
   for (std::size_t i = 0; i < path.links.size(); ++i) {
     const LinkNow& link = path.links[i];
     const Predictor predictor = predictor_of(backtest, i);
-    const Pose pose = pose_of(link, predictor);
+    const Pose& pose = poses[i];
     a.pose = i == 0 ? (link.inverted ? inverse(pose) : pose)
                     : a.pose * (link.inverted ? inverse(pose) : pose);
     a.by = std::max(a.by, link.beyond);
@@ -117,7 +174,7 @@ void conclude(const EstimateQuery& q, const PathNow& path, const Backtest* backt
   a.level = bound.level;
   a.backtests = bound.backtests;
   find_largest(backtest->shares, path, a);
-  if (!limits.empty()) apply_limits(q, path, backtest, limits, a);
+  if (!limits.empty()) apply_limits(q, path, backtest, poses, limits, a);
   a.metres += q.radius * chord(a.radians);
 }
 

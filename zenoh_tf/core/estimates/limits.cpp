@@ -24,6 +24,8 @@ double product(double limit, double factor) noexcept {
 // Between two samples: from the nearer one by the speed, from the chord by the acceleration.
 Residual between(const LinkNow& link, const Pose& pose, const MotionLimits& limits) noexcept {
   const double span = seconds(link.older.stamp, link.newer.stamp), after = link.elapsed * 1e-9;
+  // The sample after it has another parent, so the one before it is held.
+  if (!(span > 0)) return {product(limits.speed, after), product(limits.rate, after)};
   const double before = std::max(span - after, 0.0), nearest = std::min(after, before);
   const Pose& near = after <= before ? link.older.pose : link.newer.pose;
   return {std::min(product(limits.speed, nearest) + norm(minus(pose, near)),

@@ -45,77 +45,84 @@ inline Residual residual_between(const Pose& a, const Pose& b) noexcept {
   return {norm({b.x - a.x, b.y - a.y, b.z - a.z}), 2 * std::atan2(norm(v), std::abs(w))};
 }
 
-namespace detail {
+// The motion with a constant body twist from one pose to another, continued for `ratio` times as
+// long as it took. With the rotation vector w and the translation t of the step, it is the
+// exponential of `ratio` times the logarithm of the step.
+template <class T>
+struct Screw {
+  Vec3Of<T> turn;   // w
+  T log_factor;     // (1 - a / 2 cot(a / 2)) / a^2, a = |w|
+  T first, second;  // (1 - cos e) / e^2, (e - sin e) / e^3,
+  T sine, cosine;   // sin(e / 2) / e and cos(e / 2), e = ratio a
 
-// Squared angles below it use series, with errors below 1e-10. They take half of the time.
-inline constexpr double kSmallSquare = 0.1;
-
-// The factors of the exponential of a twist: with the angle a, (1 - cos a) / a^2,
-// (a - sin a) / a^3, sin(a / 2) / a and cos(a / 2).
-struct ScrewFactors {
-  double first, second, sine, cosine;
-
-  explicit ScrewFactors(double square) noexcept {
-    const double half = 0.25 * square;  // square of the half angle
-    if (square < kSmallSquare) [[likely]] {
-      first = 1.0 / 2 - square * (1.0 / 24 - square * (1.0 / 720 - square * (1.0 / 40320)));
-      second = 1.0 / 6 - square * (1.0 / 120 - square * (1.0 / 5040 - square * (1.0 / 362880)));
-      sine = 0.5 - half * (1.0 / 12 - half * (1.0 / 240 - half * (1.0 / 10080)));
-      cosine = 1 - half * (1.0 / 2 - half * (1.0 / 24 - half * (1.0 / 720 - half / 40320)));
-    } else {
-      const double angle = std::sqrt(square);
-      first = (1 - std::cos(angle)) / square;
-      second = (angle - std::sin(angle)) / (square * angle);
-      sine = std::sin(0.5 * angle) / angle;
-      cosine = std::cos(0.5 * angle);
-    }
+  ZTF_ALWAYS_INLINE static Vec3Of<T> cross(const Vec3Of<T>& a, const Vec3Of<T>& b) noexcept {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  }
+  ZTF_ALWAYS_INLINE static Vec3Of<T> plus(const Vec3Of<T>& a, T scale,
+                                          const Vec3Of<T>& b) noexcept {
+    return {a.x + scale * b.x, a.y + scale * b.y, a.z + scale * b.z};
+  }
+  [[nodiscard]] ZTF_ALWAYS_INLINE PoseOf<T> exponential(const PoseOf<T>& step,
+                                                        T ratio) const noexcept {
+    const Vec3Of<T> t{step.x, step.y, step.z}, turned = cross(turn, t);
+    const Vec3Of<T> path = plus(plus(t, T{} - 0.5, turned), log_factor, cross(turn, turned));
+    const Vec3Of<T> w{ratio * turn.x, ratio * turn.y, ratio * turn.z};
+    const Vec3Of<T> v{ratio * path.x, ratio * path.y, ratio * path.z}, bent = cross(w, v);
+    const Vec3Of<T> end = plus(plus(v, first, bent), second, cross(w, bent));
+    return {end.x, end.y, end.z, sine * w.x, sine * w.y, sine * w.z, cosine};
   }
 };
 
-// rotation_vector(), with the same error and speed as the above.
-inline Vec3 fast_rotation_vector(const Pose& p) noexcept {
-  const double square = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz, t = square / (p.qw * p.qw);
-  if (!(t < 0.25 * kSmallSquare)) [[unlikely]]
-    return rotation_vector(p);
-  // atan(x) / x, for t = x^2
-  const double series =
-      1 - t * (1.0 / 3 - t * (1.0 / 5 - t * (1.0 / 7 - t * (1.0 / 9 - t * (1.0 / 11)))));
-  const double scale = 2 / p.qw * series;
-  return {p.qx * scale, p.qy * scale, p.qz * scale};
-}
+// Squared angles below it use series, with errors below 1e-10: they take half of the time.
+inline constexpr double kSmallSquare = 0.1;
 
-}  // namespace detail
+// Returns the end of that motion, by series. Sets a bound of the squares of both angles: the
+// result is meaningful only where that is below kSmallSquare.
+template <class T>
+ZTF_ALWAYS_INLINE PoseOf<T> carry_on_by_series(const PoseOf<T>& older, const PoseOf<T>& newer,
+                                               T ratio, T& largest) noexcept {
+  const PoseOf<T> step = inverse(older) * newer;
+  // atan(x) / x, with x^2 = t
+  const T t = (step.qx * step.qx + step.qy * step.qy + step.qz * step.qz) / (step.qw * step.qw);
+  const T scale =
+      2.0 / step.qw *
+      (1.0 - t * (1.0 / 3 - t * (1.0 / 5 - t * (1.0 / 7 - t * (1.0 / 9 - t * (1.0 / 11))))));
+  Screw<T> screw;
+  screw.turn = {step.qx * scale, step.qy * scale, step.qz * scale};
+  const T a =
+      screw.turn.x * screw.turn.x + screw.turn.y * screw.turn.y + screw.turn.z * screw.turn.z;
+  const T e = ratio * ratio * a, half = 0.25 * e;
+  screw.log_factor = 1.0 / 12 + a * (1.0 / 720 + a * (1.0 / 30240 + a * (1.0 / 1209600)));
+  screw.first = 1.0 / 2 - e * (1.0 / 24 - e * (1.0 / 720 - e * (1.0 / 40320)));
+  screw.second = 1.0 / 6 - e * (1.0 / 120 - e * (1.0 / 5040 - e * (1.0 / 362880)));
+  screw.sine = 0.5 - half * (1.0 / 12 - half * (1.0 / 240 - half * (1.0 / 10080)));
+  screw.cosine =
+      1.0 - half * (1.0 / 2 - half * (1.0 / 24 - half * (1.0 / 720 - half * (1.0 / 40320))));
+  // 4 t is at least the square of the angle of the step, and neither of the two may be large.
+  largest = e + 4.0 * t;
+  return newer * screw.exponential(step, ratio);
+}
 
 // Returns the pose of a body that continues from `newer`, with the constant body twist that has
 // moved it there from `older`, for `ratio` times as long as that took.
 inline Pose carry_on(const Pose& older, const Pose& newer, double ratio) noexcept {
-  const auto plus = [](const Vec3& a, double scale, const Vec3& b) {
-    return Vec3{a.x + scale * b.x, a.y + scale * b.y, a.z + scale * b.z};
-  };
+  double largest;
+  const Pose by_series = carry_on_by_series(older, newer, ratio, largest);
+  if (largest < kSmallSquare) [[likely]]
+    return by_series;
   const Pose step = inverse(older) * newer;
-  const Vec3 turn = detail::fast_rotation_vector(step), shift{step.x, step.y, step.z};
-  const double square = turn.x * turn.x + turn.y * turn.y + turn.z * turn.z;
-  double log_factor;
-  if (square < detail::kSmallSquare) [[likely]] {
-    log_factor = 1.0 / 12 + square * (1.0 / 720 + square * (1.0 / 30240 + square / 1209600));
-  } else {
-    const double half = 0.5 * std::sqrt(square);
-    log_factor = (1 - half / std::tan(half)) / square;
-  }
-  const Vec3 turned = cross(turn, shift);
-  const Vec3 path = plus(plus(shift, -0.5, turned), log_factor, cross(turn, turned));
-
-  const detail::ScrewFactors factors(ratio * ratio * square);
-  const Vec3 zero{0, 0, 0}, end_turn = plus(zero, ratio, turn), end_path = plus(zero, ratio, path);
-  const Vec3 bent = cross(end_turn, end_path);
-  const Vec3 t = plus(plus(end_path, factors.first, bent), factors.second, cross(end_turn, bent));
-  return newer * Pose{t.x,
-                      t.y,
-                      t.z,
-                      factors.sine * end_turn.x,
-                      factors.sine * end_turn.y,
-                      factors.sine * end_turn.z,
-                      factors.cosine};
+  const Vec3 turn = rotation_vector(step);
+  const double angle = norm(turn), end = std::abs(ratio) * angle, half = 0.5 * angle;
+  // Below these angles the quotients lose precision.
+  const bool is_small = angle < 1e-3, ends_small = end < 1e-3;
+  const Screw<double> screw{
+      .turn = turn,
+      .log_factor = is_small ? 1.0 / 12 : (1 - half / std::tan(half)) / (angle * angle),
+      .first = ends_small ? 1.0 / 2 : (1 - std::cos(end)) / (end * end),
+      .second = ends_small ? 1.0 / 6 : (end - std::sin(end)) / (end * end * end),
+      .sine = ends_small ? 0.5 : std::sin(0.5 * end) / end,
+      .cosine = std::cos(0.5 * end)};
+  return newer * screw.exponential(step, ratio);
 }
 
 }  // namespace ztf
