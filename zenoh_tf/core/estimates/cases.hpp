@@ -127,7 +127,7 @@ bool copy_cases(AnyReader& reader, const PathNow& path, double window_s, Cases& 
   std::size_t i = 0;
   for (const LinkNow& link : path.links)
     if (link.kind != LinkNow::Kind::fixed) {
-      detail::copy_link_cases(runs[i], link, times, &cases.cases[i * times.size()]);
+      detail::copy_link_cases(runs[i], link, times, cases.cases.data() + i * times.size());
       ++i;
     }
   return true;
