@@ -165,6 +165,7 @@ def test_frames_counts_delays_by_the_clock(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("chain")
+@pytest.mark.own_server  # counters of other tests' frames would be in it
 def test_frames_as_a_graph(run: Run) -> None:
     graph = succeeds(run("frames", "--dot"))
     assert graph.startswith("digraph ")

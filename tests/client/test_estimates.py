@@ -86,12 +86,12 @@ def test_too_uncertain(client: TransformClient) -> None:
     found = client.estimate_transform("map", "tool", AHEAD_NS)
     ask: Callable[..., Estimate] = client.estimate_transform
     assert ask("map", "tool", AHEAD_NS, max_error_m=2 * found.error_m).level >= 0.9
-    for limits in ({"max_error_m": found.error_m / 2}, {"max_error_rad": found.error_rad / 2}):
+    for name, limit in (("max_error_m", found.error_m / 2), ("max_error_rad", found.error_rad / 2)):
         with pytest.raises(TooUncertain) as caught:
-            ask("map", "tool", AHEAD_NS, **limits)
+            ask("map", "tool", AHEAD_NS, **{name: limit})
         error = caught.value
         assert (error.error_m, error.error_rad) == (found.error_m, found.error_rad)
-        assert error.limit == pytest.approx(next(iter(limits.values())))
+        assert error.limit == pytest.approx(limit)
         assert (error.parent_frame, error.frame) == found.limiting_link
         assert error.by_ns == found.by_ns
     # 0.9999 needs 9,999 backtests.
@@ -176,13 +176,25 @@ def test_many_rows(client: TransformClient) -> None:
         client.estimate_transforms("map", ["tool", "base"], [1, 2, 3])
 
 
-def test_a_huge_array_is_refused(server: ServerProcess) -> None:
+def test_work_is_bounded(server: ServerProcess) -> None:
+    """Before it is spent: by rows, by the links of all rows, and by the backtests of each pair."""
     with server.connect(reads="query") as tf:
         fill(tf, END_NS)
-        for rows in (20_000, 200_000):
+        assert tf.estimate_transforms("map", "tool", np.full(10_000, AHEAD_NS)).ok.all()
+        for rows, field in ((60_000, "links"), (200_000, "rows")):
             with pytest.raises(LimitExceeded) as caught:
                 tf.estimate_transforms("map", "tool", np.full(rows, AHEAD_NS))
-            assert caught.value.field == ("links" if rows == 20_000 else "rows")
+            assert caught.value.field == field
+        for level, most in ((0.9, 500), (0.999, 100)):
+            with tf.batch() as batch:
+                handles = [
+                    batch.estimate_transform("map", "tool", AHEAD_NS, level=level)
+                    for _ in range(most + 1)
+                ]
+            with pytest.raises(LimitExceeded) as caught:
+                handles[-1].result()
+            assert caught.value.field == "links"
+            assert handles[most // 2].result().by_ns == 30 * MS
 
 
 def test_in_a_batch(client: TransformClient) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from zenoh_tf import TransformTree, wire
 
@@ -12,9 +15,13 @@ from ..limits import Limits
 if TYPE_CHECKING:
     from zenoh_tf._core import Budget
 
-#: What an estimate costs at most, as a multiple of a lookup: it backtests its question on 200 past
-#: instants, with a prediction and a lookup at each, if no residuals are kept from before.
-_LOOKUPS: Final = 400
+#: What the backtests of a pair of frames cost, as a multiple of a lookup, if none are kept: those
+#: of levels up to 0.99, and of higher ones, which need five times as many.
+_BACKTESTS: Final = 5_000
+_MANY_BACKTESTS: Final = 25_000
+_FEW_LEVEL: Final = 0.99
+#: What an estimate from kept backtests costs.
+_ESTIMATE: Final = 50
 
 
 class Estimates:
@@ -29,13 +36,14 @@ class Estimates:
         name_bytes = self._limits.name_bytes
         target = wire.name(message, "target", name_bytes)
         source = wire.name(message, "source", name_bytes)
-        budget.take_links(_LOOKUPS * (self._tree._links((target, source)) + 1))
+        level = wire.number(message, "level")
+        self._take(budget, _ESTIMATE + _backtests(level), [(target, source)])
         return self._tree._estimate_record(
             target,
             source,
             wire.integer(message, "stamp_ns") if "stamp_ns" in message else None,
             time.time_ns(),
-            wire.number(message, "level"),
+            level,
             wire.integer(message, "max_by_ns", low=0),
             wire.number(message, "radius_m"),
         )
@@ -46,16 +54,28 @@ class Estimates:
         self._limits.check("rows", ask.target.size)
         self._limits.check_names(len(ask.names))
         budget.take_reply(wire.ESTIMATE_BYTES * ask.target.size)
-        targets = [ask.names[index] for index in ask.target.tolist()]
-        sources = [ask.names[index] for index in ask.source.tolist()]
-        links = self._tree._links([*targets, *sources])
-        budget.take_links(_LOOKUPS * (links + len(targets)))
-        found = self._tree.estimate_transforms(
-            targets,
-            sources,
+        pairs = [
+            (ask.names[target], ask.names[source])
+            for target, source in np.column_stack((ask.target, ask.source)).tolist()
+        ]
+        self._take(budget, _ESTIMATE, pairs)
+        self._take(budget, _backtests(ask.level), [*set(pairs)])
+        columns = self._tree._estimate_columns(
+            [target for target, _ in pairs],
+            [source for _, source in pairs],
             ask.stamp,
-            level=ask.level,
-            max_by_s=ask.max_by_ns * 1e-9,
-            radius_m=ask.radius_m,
+            time.time_ns(),
+            ask.level,
+            ask.max_by_ns,
+            ask.radius_m,
         )
-        return wire.estimates_value(found.columns())
+        return wire.estimates_value(columns)
+
+    def _take(self, budget: Budget, times: int, pairs: Sequence[tuple[str, str]]) -> None:
+        """Take so many lookups of each pair from what the message may cost."""
+        links = self._tree._links([name for pair in pairs for name in pair])
+        budget.take_links(times * (links + len(pairs)))
+
+
+def _backtests(level: float) -> int:
+    return _BACKTESTS if level <= _FEW_LEVEL else _MANY_BACKTESTS

@@ -135,7 +135,7 @@ def bounds(found: Estimate) -> str:
     level = f"level {found.level:.3g} of {found.backtests} backtests"
     if found.basis == "limits":
         level += ", and the declared limits of motion"
-    return f"{within}  ({level})"
+    return f"{within} ({level})"
 
 
 def metres(value: float) -> str:
@@ -183,7 +183,8 @@ def _sends(link: FrameInfo, found: Estimate, late_s: float | None) -> str:
     arrives = f"arrives {age(round(late_s * 1e9))} late"
     if not rate:
         return arrives
-    cure = "sooner" if late_s * (link.rate_hz or 0.0) > 1 else "more often"
+    periods = late_s * (link.rate_hz or 0.0)
+    cure = "sooner" if periods > 2 else "more often" if periods < 0.5 else "sooner or more often"
     return f"{rate} and {arrives}; publish it {cure}"
 
 
