@@ -184,7 +184,7 @@ def _settle(opened: zenoh.Session) -> None:
     """Wait until the server has committed the puts: their count does not change any more."""
     before = -1
     while True:
-        stats = messages.value(opened, "info", "stats")
+        stats = messages.stats(opened)
         now = stats["puts"] + stats["bad_puts"]
         if now == before:
             return

@@ -151,7 +151,7 @@ def lying_robot(arena: Arena) -> list[Finding]:
         attackers(server, ("liar", server.endpoint)) as begin,
     ):
         found = beside(server, ["lookup", "sensor"], begin, 10.0)
-        stats = messages.value(opened, "info", "stats")
+        stats = messages.stats(opened)
     note = (
         f"{stats['puts']:,} puts, {stats['frames']:,} frames, {stats['dropped_as_stale']:,} stale"
     )

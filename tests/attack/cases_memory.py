@@ -28,7 +28,7 @@ def _wait_for(opened: zenoh.Session, counter: str, least: float, timeout_s: floa
     """Seconds until a counter of `stats` has reached a value; infinity if it does not in time."""
     start_s = time.monotonic()
     while time.monotonic() - start_s < timeout_s:
-        if messages.value(opened, "info", "stats").get(counter, 0) >= least:
+        if messages.stats(opened)[counter] >= least:
             return time.monotonic() - start_s
         time.sleep(0.1)
     return math.inf
@@ -102,9 +102,9 @@ def greedy_robot(arena: Arena) -> list[Finding]:
             _wait_for(opened, "robot_stored/modest", 20, 5.0)
             body = messages.star("of the site", 0, 100)
             reply, failed = messages.send(opened, "commit", body)
-            stats = messages.value(opened, "info", "stats")
+            stats = messages.stats(opened)
             reported = b"greedy" in site.log and b"LimitExceeded" in site.log
-    missing = 20 - stats.get("robot_stored/modest", 0)
+    missing = 20 - stats["robot_stored/modest"]
     return [
         Finding("frames of the next robot missing", missing, "", 0),
         Finding("the site's own write fails", failed, "", 0, messages.kind_of(reply, failed)),

@@ -56,6 +56,11 @@ def value(opened: zenoh.Session, request_type: str, what: str, **arguments: obje
     return None if failed else wire.unpack(reply)["value"]
 
 
+def stats(opened: zenoh.Session) -> dict[str, Any]:
+    """The server's counters, as a client names them."""
+    return wire.parse_stats(value(opened, "info", "stats"))
+
+
 def put(opened: zenoh.Session, authority: str, body: Body) -> None:
     payload = body if isinstance(body, bytes) else pack(body)
     opened.put(keys.put(TREE, authority, static=False), payload)
