@@ -40,6 +40,10 @@ _HOLD_BACK_S: Final = 0.025
 _HOLD_BACK_ALONE_S: Final = 0.1
 #: An authority is alone after no other one has sent for this long.
 _ALONE_S: Final = 1.0
+#: While several authorities send this many puts a second, the receiver waits for this time after
+#: the first put of a turn, and commits with it what has come: a turn costs as much as two puts.
+_GATHER_ABOVE_HZ: Final = 800
+_GATHER_S: Final = 0.001
 #: Keys whose authority is remembered.
 _KNOWN_KEYS: Final = 4096
 
@@ -66,6 +70,8 @@ class Ingest:
         self._last_seen_s = self._other_seen_s = -_ALONE_S
         self._received_s = 0.0
         self._served = 0  # puts since the receiver took some last
+        self._gathers = False
+        self._counted, self._counted_s = 0, 0.0  # puts since then, for their rate
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         """Start to receive the puts of a tree."""
@@ -239,6 +245,8 @@ class Ingest:
         """Sort a sample and those behind it into the queues. Returns how many puts they are."""
         if sample is None:
             return 0
+        if self._gathers:
+            time.sleep(_GATHER_S)
         now_s = time.monotonic()
         # Late: while one authority presses, the others must not wait behind its puts.
         late = bool(self._pressing) and not self._is_alone(now_s)
@@ -260,6 +268,7 @@ class Ingest:
                 break
         self._received_s = self._last_seen_s = now_s
         self._served = 0
+        self._follow_rate(len(puts), now_s)
         if not puts:
             return 0
         with self._lock:
@@ -272,6 +281,14 @@ class Ingest:
         if lost:
             self._commits.count_lost(lost)
         return len(puts)
+
+    def _follow_rate(self, puts: int, now_s: float) -> None:
+        """Decide whether to gather in the next turns. Not if the channel may fill meanwhile."""
+        self._counted += puts
+        if self._counted >= _CHANNEL:
+            often = self._counted > _GATHER_ABOVE_HZ * (now_s - self._counted_s)
+            self._gathers = often and puts < _CHANNEL // 2 and not self._is_alone(now_s)
+            self._counted, self._counted_s = 0, now_s
 
     def _put_of(self, sample: zenoh.Sample) -> Put | None:
         """The put of a sample; None if it is none, or is refused at once."""
