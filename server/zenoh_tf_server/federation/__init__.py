@@ -62,9 +62,9 @@ class Robots:
 
     def start(self, ingest: Ingest, session: zenoh.Session) -> None:
         """Connect to each robot, find others on the session's network, and begin to listen."""
-        self._pool.start()
+        self._pool.start(ingest)
         for robot in self._robots.values():
-            robot.start(ingest)
+            robot.start()
 
         patterns = self._settings.patterns
         streams = {pattern: SharedStreams(session, pattern) for pattern in patterns}
@@ -72,7 +72,7 @@ class Robots:
         def found(address: RobotAddress, pattern: RobotPattern) -> None:
             if address.name not in self._robots:
                 self._robots[address.name] = robot = self._make(address)
-                robot.start(ingest, session, streams[pattern])
+                robot.start(session, streams[pattern])
 
         for each in streams.values():
             self._pool.add_streams(each)

@@ -14,7 +14,7 @@ import asyncio
 import contextlib
 import logging
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, TypeVar
 
@@ -25,6 +25,8 @@ from zenoh_tf._net.queries import ReplyParts
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.steps import Ask, AskStatus, Pause, Steps
 
+from ..ingest.ingest import Ingest
+from ..ingest.put_queues import Put
 from ..process.upstream import Upstream
 from .shared_streams import SharedStreams
 
@@ -38,12 +40,17 @@ _LEAST_PERIOD_S: Final = 0.002
 _PERIOD_OF_EACH_S: Final = 20e-6
 #: Attempts to connect at once. One to a robot that is away takes seconds.
 _CONNECTING: Final = 8
+#: Puts that are queued at once.
+_BATCH_BYTES: Final = 1 << 20
 
 
 class Pool:
     """The `zenoh_tf.mirrors.steps.Runner` of robots, whose sources are `Upstream`."""
 
     def __init__(self) -> None:
+        self._ingest: Ingest | None = None
+        self._puts: list[Put] = []  # of the loop's thread
+        self._bytes = 0  # of them
         self._loop = asyncio.new_event_loop()
         self._blocking = ThreadPoolExecutor(_CONNECTING, "robots connect")
         self._feeds: dict[MirrorFeed, None] = {}  # of the loop's thread
@@ -51,8 +58,9 @@ class Pool:
         self._tasks: set[asyncio.Task[None]] = set()  # of the loop's thread; the loop keeps none
         self._thread: threading.Thread | None = None
 
-    def start(self) -> None:
+    def start(self, ingest: Ingest) -> None:
         """Begin."""
+        self._ingest = ingest
         self._thread = threads.start("robots", self._run)
 
     def add_streams(self, streams: SharedStreams) -> None:
@@ -87,7 +95,25 @@ class Pool:
         self.spawn(self._take(feed, steps))
         return True
 
+    def add(self, puts: Iterable[Put], *, wait: bool) -> None:
+        """Queue puts after those that were added before, on the pool's thread: once all feeds were
+        polled, as each time costs the ingest a turn; with `wait` now, and for a moment until there
+        is room."""
+        for put in puts:
+            self._puts.append(put)
+            self._bytes += put.size
+            if self._bytes >= _BATCH_BYTES:
+                self._queue(wait=wait)
+        if wait:
+            self._queue(wait=True)
+
     # --- the thread
+
+    def _queue(self, *, wait: bool) -> None:
+        assert self._ingest is not None
+        if self._puts:
+            puts, self._puts, self._bytes = self._puts, [], 0
+            self._ingest.add(puts, wait=wait)
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -114,6 +140,7 @@ class Pool:
                         del self._feeds[feed]
                 except Exception:  # the other robots' messages must be applied
                     log.exception("internal error while a robot's messages were applied")
+            self._queue(wait=False)
             await asyncio.sleep(max(_LEAST_PERIOD_S, _PERIOD_OF_EACH_S * len(self._feeds)))
 
     async def _take(self, feed: MirrorFeed, steps: Steps[None]) -> None:

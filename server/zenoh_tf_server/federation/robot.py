@@ -23,7 +23,6 @@ from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 
-from ..ingest.ingest import Ingest
 from ..ingest.put_queues import Put
 from ..limits import Limits
 from ..process.network import open_client_session
@@ -46,8 +45,6 @@ _MAX_AGE_S: Final = 1e9
 _PAUSE_S: Final = 1.0
 _LONGEST_PAUSE_S: Final = 8.0
 _RETRY_TIMEOUT_S: Final = 1.0
-#: Puts that are queued at once.
-_BATCH_BYTES: Final = 1 << 20
 
 log = logging.getLogger("zenoh_tf.server.federation")
 
@@ -78,7 +75,6 @@ class Robot:
         self._own_instance = service.instance
         self._refusals = service.refusals
         self._quota_log = RateLimitedLog(log)
-        self._ingest: Ingest | None = None
         self._streams: SharedStreams | None = None
         self._lock = threading.Lock()  # of the next three
         self._runs = 0  # how often it was closed
@@ -92,12 +88,10 @@ class Robot:
 
     def start(
         self,
-        ingest: Ingest,
         session: zenoh.Session | None = None,
         streams: SharedStreams | None = None,
     ) -> None:
         """Listen, in the background: over a session and streams that there are, or its own."""
-        self._ingest = ingest
         self._streams = streams
         self._pool.spawn(self._connect() if session is None else self._listen(session))
 
@@ -224,19 +218,8 @@ class Robot:
             log.info("robot %r: its tree is complete (instance %s)", self.name, instance)
 
     def _add(self, puts: Iterator[Put], *, wait: bool) -> None:
-        assert self._ingest is not None
-        if self._is_self:
-            return
-        batch: list[Put] = []
-        size = 0
-        for put in puts:
-            batch.append(put)
-            size += put.size
-            if size >= _BATCH_BYTES:
-                self._ingest.add(batch, wait=wait)
-                batch, size = [], 0
-        if batch:
-            self._ingest.add(batch, wait=wait)
+        if not self._is_self:
+            self._pool.add(puts, wait=wait)
 
 
 def _leave(feed: MirrorFeed, session: zenoh.Session | None) -> None:
