@@ -43,6 +43,7 @@ _NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
 _BIN_32: Final = struct.Struct(">BI")
 _IN_STEPS_FROM_ROWS: Final = 500  # of a reply; steps cost a shorter one more than they spare
 _IN_STEPS_FROM: Final = 64 * 1024  # bytes of a batch
+_FEW: Final = 16  # entries of a column: NumPy's fixed cost would dominate their reduction
 
 
 class _Packers(threading.local):
@@ -324,15 +325,16 @@ def column(
 def indexes(message: Message, field: str, rows: int | None, names: int) -> NDArray[np.uint32]:
     """A column of indexes into a list of `names` names, each checked to be below `names`."""
     values = column(message, field, U32, rows)
-    if values.size == 1:  # numpy's reduction would dominate a single lookup
-        highest = int(values[0])
-    elif values.size:
-        highest = int(values.max())
-    else:
-        return values
-    if highest >= names:
-        raise malformed(field, f"indexes below {names}, the number of names, not {highest}")
+    if (found := highest(values)) >= names:
+        raise malformed(field, f"indexes below {names}, the number of names, not {found}")
     return values
+
+
+def highest(values: NDArray[np.unsignedinteger[Any]]) -> int:
+    """The highest entry of a column; -1 of an empty one."""
+    if values.size > _FEW:
+        return int(values.max())
+    return max(values.tolist(), default=-1)
 
 
 def raw(values: NDArray[Any], dtype: np.dtype[Any]) -> memoryview | bytes:

@@ -24,6 +24,7 @@ from .fields import (
     Message,
     column,
     flag,
+    highest,
     indexes,
     integer,
     items,
@@ -176,10 +177,12 @@ def parse_stream(body: Message) -> StreamMessage:
 def _parse(body: Message) -> Changes:
     names, authorities = texts(body, "names"), texts(body, "authorities")
     kind = column(body, "kind", U8)
-    if kind.size and int(kind.max()) > ORPHANED:
+    samples, orphaned = kind.size, 0
+    if (last := highest(kind)) > ORPHANED:
         raise malformed("kind", f"at most {ORPHANED}")
-    samples = int(np.count_nonzero(kind <= STATIC))
-    orphaned = int(np.count_nonzero(kind == ORPHANED))
+    if last > STATIC:
+        samples = int(np.count_nonzero(kind <= STATIC))
+        orphaned = int(np.count_nonzero(kind == ORPHANED))
     return (
         names,
         authorities,
@@ -196,7 +199,7 @@ def _parse(body: Message) -> Changes:
 
 def _parents(body: Message, field: str, rows: int, names: int) -> NDArray[np.uint32]:
     parents = column(body, field, U32, rows)
-    if bool(np.any((parents >= names) & (parents != NO_PARENT))):
+    if highest(parents) >= names and bool(np.any((parents >= names) & (parents != NO_PARENT))):
         raise malformed(field, f"indexes below {names}, or {NO_PARENT}")
     return parents
 
