@@ -1,7 +1,8 @@
 """Draws the pictures of docs/how-to/view.md: ``python -m scripts.view_pictures``.
 
-It makes recordings, shows them with `zenoh-tf view`, and photographs the page in Chromium, without
-a screen (Debian: ``apt-get install chromium``). Needs a minute: the pictures are drawn in software.
+It makes recordings and a server, shows them with `zenoh-tf view`, and photographs the page in
+Chromium, without a screen (Debian: ``apt-get install chromium``). Needs minutes: the pictures are
+drawn in software.
 """
 
 from __future__ import annotations
@@ -10,9 +11,12 @@ import contextlib
 import io
 import math
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -24,6 +28,7 @@ from playwright.sync_api import Page, sync_playwright
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings.writer import RecordingWriter
+from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.urdf.kinematics import JointTransforms, fixed_transforms
 from zenoh_tf_tools.urdf.reader import read
 
@@ -160,6 +165,47 @@ def fleet(path: Path) -> None:
 
 
 @contextlib.contextmanager
+def driving() -> Iterator[str]:
+    """A server with a vehicle that drives straight on, as a slow browser draws turns at different
+    times. Its localiser is 0.25 s late, and off by 2 cm. Yields the server's endpoint, ten
+    seconds later."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    command = [sys.executable, "-m", "zenoh_tf_server", "--listen", endpoint]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    ended = threading.Event()
+
+    def localise(tf: TransformClient) -> None:
+        noise = np.random.default_rng(1)
+        start_ns = time.time_ns()
+        while not ended.wait(0.1):
+            now_ns = time.time_ns()
+            x, y = noise.normal((1.2e-9 * (now_ns - start_ns), 0), 0.02)
+            pose = planar(x, y, noise.normal(0, 0.003))
+            stamped = StampedTransform("map", "base_link", now_ns - 250_000_000, pose)
+            tf.set_transform(stamped, "localiser")
+
+    try:
+        with TransformClient.connect(endpoint, timeout_s=10.0) as tf:
+            mounts = {"lidar": planar(0.5, 0, 0, 0.5), "gps": planar(-0.5, 0, z=0.6)}
+            for name, mount in mounts.items():
+                stamped = StampedTransform("base_link", name, 0, mount)
+                tf.set_transform(stamped, "description", static=True)
+            localiser = threading.Thread(target=localise, args=(tf,))
+            localiser.start()
+            try:
+                time.sleep(10.0)
+                yield endpoint
+            finally:
+                ended.set()
+                localiser.join()
+    finally:
+        server.terminate()
+        server.wait()
+
+
+@contextlib.contextmanager
 def shown(page: Page, *args: object) -> Iterator[None]:
     """Open what `zenoh-tf view` shows."""
     command = [sys.executable, "-m", "zenoh_tf_tools", "view", *map(str, args)]
@@ -212,6 +258,14 @@ def draw(page: Page, folder: Path) -> None:
     with shown(page, folder / "cup.mcap", "--at", "+8s", *shapes):
         press(page, "faults")
         photograph(page, "view-faults.png")
+    with driving() as endpoint:
+        live = ("--connect", endpoint, "--fixed", "map", "--trail", "3s", "--urdf", cart)
+        with shown(page, *live):
+            choose(page, "frame", "lidar")
+            page.get_by_label("follow frame").first.click(force=True)
+            page.get_by_text("the camera follows").wait_for()
+            press(page, "go to frame")
+            photograph(page, "view-estimate.png")
     fleet(folder / "fleet.mcap")
     with shown(page, folder / "fleet.mcap", "--at", "+3s"):
         press(page, "frames")

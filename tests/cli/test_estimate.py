@@ -10,7 +10,7 @@ import pytest
 from tests.support.command_line import Run
 from tests.support.moving_arm import MS, fill
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.cli.tree.estimate import metres
+from zenoh_tf_tools.estimate_words import metres
 
 from .conftest import document, refusal, succeeds
 

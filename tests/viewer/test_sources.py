@@ -9,6 +9,7 @@ import pytest
 
 from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
+from tests.support.moving_arm import MS, fill
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import Mirror, TransformClient
@@ -105,6 +106,22 @@ def test_a_simulators_time_goes_on_from_its_newest_stamp(
     client.set_transform(stamped)
     mirror.wait_for()
     assert abs(source.now_ns([*links(source, 0).values()]) - time.time_ns()) < 5 * S
+
+
+def test_an_estimate_is_for_now(client: TransformClient, mirror: Mirror) -> None:
+    """By the server's clock; of a simulation's stamps, for the time that is shown."""
+    source = LiveSource(mirror)
+    fill(client, time.time_ns())
+    mirror.wait_for()
+    found = source.estimate("map", "tool", time.time_ns())
+    assert found is not None
+    assert abs(found.stamp_ns - time.time_ns()) < 5 * S
+    client.reset()
+    fill(client, 20 * S)
+    mirror.wait_for()
+    found = source.estimate("map", "tool", 20 * S + 30 * MS)
+    assert found is not None
+    assert (found.stamp_ns, found.by_ns) == (20 * S + 30 * MS, 30 * MS)
 
 
 def test_a_server_that_is_silent_is_told(server: ServerProcess, mirror: Mirror) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import LimitExceeded, TransformTree
+from zenoh_tf import Estimate, LimitExceeded, TransformTree
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording, RecordingError
 from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf_tools.errors import CommandError
@@ -70,6 +70,9 @@ class RecordedSource:
 
     def now_ns(self, links: Sequence[Link]) -> int:
         return self.range_ns[1]  # the end, if no time is chosen
+
+    def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
+        return None
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         found = []

@@ -47,7 +47,7 @@ _WXYZ: Final = [6, 3, 4, 5]
 _LABEL_CHARS: Final = 60
 #: The axes of static frames are as long as this part of others: a robot has many, close together.
 _STATIC_AXES: Final = 0.6
-_SELECTED_AXES: Final = 1.5
+SELECTED_AXES: Final = 1.5
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class Scene:
         scales = np.array([_STATIC_AXES if links[x].static else 1.0 for x in shown], np.float32)
         if look.selected in shown:
             row = shown.index(look.selected)
-            scales[row] = _SELECTED_AXES
+            scales[row] = SELECTED_AXES
             colours = [*colours[:row], SELECTED, *colours[row + 1 :]]
         positions = poses[:, :3].astype(np.float32)
         wxyzs = poses[:, _WXYZ].astype(np.float32)

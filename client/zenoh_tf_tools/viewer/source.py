@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import TransformArray, Velocity
+from zenoh_tf import Estimate, TransformArray, Velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +80,10 @@ class ViewedTree(Protocol):
 
     def now_ns(self, links: Sequence[Link]) -> int:
         """The time to show next; `links`: those of the last time."""
+
+    def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
+        """The pose at the time that `now_ns` says, and how wrong it may be; None if no link is
+        carried on, as all samples are known. Raises as `TransformTree.estimate_transform`."""
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         """The time of the next sample of these frames, or if `step` is -1 of the one before, in

@@ -15,7 +15,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from zenoh_tf import TransformException, Velocity
+from zenoh_tf import Estimate, TransformException, Velocity
 from zenoh_tf.text import quoted
 from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.viewer.camera import axes_m, typical_link_m
@@ -24,9 +24,10 @@ from zenoh_tf_tools.viewer.controls.figures import figures_html, findings_html, 
 from zenoh_tf_tools.viewer.controls.frame_tree import with_descendants
 from zenoh_tf_tools.viewer.controls.panel import SHOW_ALL, Panel
 from zenoh_tf_tools.viewer.findings import Findings, Observe
+from zenoh_tf_tools.viewer.ghost import Ghost
 from zenoh_tf_tools.viewer.models import Model, Models
 from zenoh_tf_tools.viewer.placement import NOTHING, place, roots_by_size
-from zenoh_tf_tools.viewer.scene import Look, Scene
+from zenoh_tf_tools.viewer.scene import SELECTED_AXES, Look, Scene
 from zenoh_tf_tools.viewer.source import Link, ViewedTree
 from zenoh_tf_tools.viewer.trails import trail_segments
 
@@ -130,6 +131,8 @@ class Viewer:
         self._trail: tuple[object, ...] = ()
         self.cameras = Cameras(server)
         self.scene = Scene(server, self._clicked.append)
+        self.ghost = Ghost(server.scene)
+        self._estimate: Estimate | TransformException | None = None
         self.models = Models(server.scene, models)
         self.findings = Findings(
             observe, once=source.range_ns is not None, wanted=lambda: bool(server.get_clients())
@@ -255,6 +258,21 @@ class Viewer:
         )
         self.scene.draw(placement, self._links, look, camera)
         self.models.draw(placement, self.scene.origin, hidden, self.panel.robot_opacity)
+        self._draw_ghost(look)
+
+    def _draw_ghost(self, look: Look) -> None:
+        """Draw the picked frame as it is now, if what is shown is what is known of now."""
+        name, self._estimate = look.selected or "", None
+        is_now = self._is_live or self._source.range_ns is not None
+        if is_now and self.panel.estimate and name in self._placement.rows:
+            try:
+                self._estimate = self._source.estimate(self._fixed, name, self._time_ns or 0)
+            except TransformException as error:
+                self._estimate = error
+        found = None
+        if isinstance(self._estimate, Estimate) and name not in look.hidden:
+            found = self._estimate
+        self.ghost.draw(found, self.scene.origin, SELECTED_AXES * look.axes_m)
 
     def _follow(self) -> None:
         """Move the scene's origin as the frame that is followed does: its camera stays."""
@@ -321,6 +339,7 @@ class Viewer:
                 self._placement,
                 self._fixed,
                 self._velocity(link),
+                self._estimate,
                 [] if link is None else self.findings.of(link.name),
             ),
         )

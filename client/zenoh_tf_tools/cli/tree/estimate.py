@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from typing import Final
 
@@ -17,6 +16,7 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
 from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.estimate_words import bounds, carried_on, metres
 
 #: Errors below this are of the arithmetic, and nothing would make them smaller.
 _NO_ERROR_M: Final = 1e-6
@@ -121,29 +121,9 @@ def document(found: Estimate) -> dict[str, object]:
 def text(found: Estimate) -> str:
     """An estimate as text."""
     lines = [output.answer_text(_stamped(found)), output.row("error", bounds(found))]
-    if found.by_ns > 0:
-        carried = ", ".join(f"{child} by {how}" for child, how in found.predictor.items())
-        lines.append(output.row("carried on", f"{age(found.by_ns)}: {printable(carried)}"))
+    if carried := carried_on(found):
+        lines.append(output.row("carried on", carried))
     return "\n".join(lines)
-
-
-def bounds(found: Estimate) -> str:
-    """The bounds of an estimate's errors, and what they rest on."""
-    if found.basis == "static":
-        return "none: all links are static"
-    within = f"within {metres(found.error_m)} and {math.degrees(found.error_rad):.2g} deg"
-    level = f"level {found.level:.3g} of {found.backtests} backtests"
-    if found.basis == "limits":
-        level += ", and the declared limits of motion"
-    return f"{within} ({level})"
-
-
-def metres(value: float) -> str:
-    """A length with two digits, in the unit that suits it."""
-    if not math.isfinite(value):
-        return "any length"
-    unit, size = ("m", 1.0) if value >= 1 else ("cm", 1e-2) if value >= 1e-2 else ("mm", 1e-3)
-    return f"{float(f'{value / size:.2g}'):g} {unit}"
 
 
 def advice(tf: TransformClient, found: Estimate) -> str | None:

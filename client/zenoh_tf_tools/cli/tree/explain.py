@@ -13,6 +13,7 @@ from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.tree import estimate
 from zenoh_tf_tools.errors import FAULT_FOUND
+from zenoh_tf_tools.estimate_words import bounds
 
 
 def add(commands: Commands) -> None:
@@ -64,5 +65,5 @@ def _now(tf: TransformClient, found: Explanation) -> tuple[dict[str, object], st
     except TransformException:
         return None
     better = estimate.advice(tf, answer) or ""
-    text = f"Estimated for now, it is {estimate.bounds(answer)}. {better}"
+    text = f"Estimated for now, it is {bounds(answer)}. {better}"
     return estimate.document(answer) | {"advice": better}, printable(text.rstrip())

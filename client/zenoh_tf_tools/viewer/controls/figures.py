@@ -14,10 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import Transform, Velocity
+from zenoh_tf import Estimate, Transform, TransformException, Velocity
 from zenoh_tf.doctor import Finding
 from zenoh_tf.text import cut, printable
 from zenoh_tf.text.times import age, seconds
+from zenoh_tf_tools.estimate_words import bounds, carried_on
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.source import Link
 
@@ -42,6 +43,7 @@ def figures_html(
     placement: Placement,
     fixed: str,
     velocity: Velocity | None,
+    estimate: Estimate | TransformException | None,
     findings: Sequence[Finding],
 ) -> str:
     """The figures of one frame.
@@ -51,6 +53,8 @@ def figures_html(
         placement: Where the frames are.
         fixed: The fixed frame.
         velocity: How the frame moves in the fixed frame; None if that is not known.
+        estimate: Where it is now in the fixed frame, or why that is not known; None if nobody
+            asked.
         findings: The faults of the frame.
     """
     if link is None:
@@ -75,6 +79,12 @@ def figures_html(
     if velocity is not None:
         facts["velocity"] = f"{_numbers(velocity.linear)} m/s"
         facts["turning"] = f"{_numbers(np.degrees(velocity.angular), 1)} °/s"
+    if isinstance(estimate, TransformException):
+        facts["error now"] = f"no estimate: {html.escape(cut(printable(str(estimate)), 400))}"
+    elif estimate is not None:
+        facts["error now"] = bounds(estimate)
+        if by := carried_on(estimate):
+            facts["carried on"] = html.escape(by)
     rows = "".join(
         f"<tr><td style='padding-right:0.8em;opacity:0.6;vertical-align:top'>{label}</td>"
         f"<td>{value}</td></tr>"

@@ -71,6 +71,12 @@ class Panel:
             self._names: Any = gui.add_dropdown("names", NAMES, initial_value=ALL)
             most_s = 60.0 if is_live else max(60.0, self.clock.length_s)
             self._trail: Any = gui.add_slider("trail [s]", 0.0, most_s, 1.0, min(trail_s, most_s))
+            self._estimate: Any = gui.add_checkbox(
+                "estimate",
+                True,
+                visible=is_live,
+                hint="the picked frame as it is now, and a ball that it is in",
+            )
             self._robot: Any = gui.add_slider(
                 "robot", 0.0, 1.0, 0.1, 0.7, visible=has_robot, hint="how opaque its shapes are"
             )
@@ -100,6 +106,10 @@ class Panel:
     @property
     def trail_s(self) -> float:
         return float(self._trail.value)
+
+    @property
+    def estimate(self) -> bool:
+        return bool(self._estimate.value)
 
     @property
     def robot_opacity(self) -> float:
