@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -14,13 +14,15 @@ from matplotlib.patches import Patch
 
 from zenoh_tf.text import cut, printable
 from zenoh_tf.text.times import seconds
-from zenoh_tf_tools.plotting.pair import PairHistory, PoseError
+from zenoh_tf_tools.plotting.pair import LEVEL, EstimateHistory, PairHistory, PoseError
 
 #: Labels, and the colours of the axes of a frame.
 _AXES: Final = (("x", "#d62728"), ("y", "#2ca02c"), ("z", "#1f77b4"))
 _ANGLES: Final = (("roll", "#d62728"), ("pitch", "#2ca02c"), ("yaw", "#1f77b4"))
 _GREY: Final = "#444444"
 _RED: Final = "#d62728"
+#: How opaque the bounds of estimates are.
+_PALE: Final = 0.2
 #: Lines of the first pair and of the second one.
 _STYLES: Final[tuple[Any, ...]] = ("-", (0, (4, 2)))
 #: Inches of a panel, of the figure's width, and of what is around the panels.
@@ -28,7 +30,8 @@ _TALL, _LOW, _WIDTH, _AROUND = 2.2, 1.5, 10.0, 1.2
 
 
 def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None = None) -> None:
-    """Write a figure: position, rotation, velocity if it is known, error, and age over time.
+    """Write a figure: position, rotation, velocity and estimates if they are known, error, and age
+    over time.
 
     Args:
         histories: One pair or two, which were asked at the same times.
@@ -39,7 +42,9 @@ def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None =
         OSError: The file cannot be written.
     """
     panels = _Panels(histories)
-    panels.add("position [m]", _TALL, [h.poses[:, :3] for h in histories], _AXES)
+    estimates = [h.estimates for h in histories if h.estimates is not None]
+    positions = [h.poses[:, :3] for h in histories]
+    panels.add("position [m]", _TALL, positions, _AXES, bands=[*map(_band, estimates)])
     angles = [np.degrees(_angles(h.poses[:, 3:])) for h in histories]
     panels.add("rotation [deg]", _TALL, angles, _ANGLES)
     velocities = [h.velocities for h in histories if h.velocities is not None]
@@ -47,12 +52,28 @@ def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None =
         panels.add("velocity [m/s]", _TALL, [v[:, :3] for v in velocities], _AXES)
         panels.add("velocity [deg/s]", _TALL, [np.degrees(v[:, 3:]) for v in velocities], _AXES)
     if error is not None:
-        panels.add("error [m]", _LOW, [error.distances_m], from_zero=True)
-        panels.add("error [deg]", _LOW, [np.degrees(error.angles_rad)], from_zero=True)
+        panels.add("error [m]", _LOW, [_metres(error)], from_zero=True)
+        panels.add("error [deg]", _LOW, [_degrees(error)], from_zero=True)
+    if estimates:
+        for label, of in (("estimate off by [m]", _metres), ("estimate off by [deg]", _degrees)):
+            bands = [(np.zeros(len(e.poses)), of(e.bounds)) for e in estimates]
+            errors = [of(e.errors) for e in estimates]
+            panels.add(label, _LOW, errors, bands=bands, from_zero=True)
     panels.add("age [s]", _LOW, [h.ages_s for h in histories], from_zero=True)
     # Names are no formulas, whatever characters they have.
     with mpl.rc_context({"text.usetex": False, "text.parse_math": False}):
         panels.draw().savefig(path, dpi=110)
+
+
+class _Panel(NamedTuple):
+    """The arguments of `_Panels.add`."""
+
+    label: str
+    inches: float
+    columns: list[Any]
+    labels: tuple[tuple[str, str], ...]
+    bands: list[tuple[Any, Any]]
+    from_zero: bool
 
 
 class _Panels:
@@ -60,7 +81,7 @@ class _Panels:
 
     def __init__(self, histories: Sequence[PairHistory]) -> None:
         self._histories = histories
-        self._panels: list[tuple[str, float, list[Any], tuple[tuple[str, str], ...], bool]] = []
+        self._panels: list[_Panel] = []
 
     def add(
         self,
@@ -69,6 +90,7 @@ class _Panels:
         columns: list[Any],
         labels: tuple[tuple[str, str], ...] = (("", _GREY),),
         *,
+        bands: list[tuple[Any, Any]] | None = None,
         from_zero: bool = False,
     ) -> None:
         """Add a panel.
@@ -78,24 +100,28 @@ class _Panels:
             inches: Its height.
             columns: For each pair (n, k) values, or (n,) with one label.
             labels: k names and colours; a line without a name is not in the legend.
+            bands: For each pair the bounds of an estimate, lower and upper, as the values.
             from_zero: Whether the axis has the 0.
         """
-        self._panels.append((label, inches, columns, labels, from_zero))
+        self._panels.append(_Panel(label, inches, columns, labels, bands or [], from_zero))
 
     def draw(self) -> Figure:
         """The figure."""
-        heights = [inches for _, inches, *_ in self._panels]
+        heights = [panel.inches for panel in self._panels]
         figure = Figure(figsize=(_WIDTH, sum(heights) + _AROUND), layout="constrained")
         grid = figure.subplots(len(heights), sharex=True, height_ratios=heights, squeeze=False)
-        for axes, (label, _, columns, labels, from_zero) in zip(
-            grid[:, 0], self._panels, strict=True
-        ):
+        for axes, panel in zip(grid[:, 0], self._panels, strict=True):
+            columns = panel.columns
             for style, values in zip(_STYLES, columns, strict=False):
-                self._lines(axes, values, labels, style)
-            axes.set_ylabel(label)
+                self._lines(axes, values, panel.labels, style)
+            for low, high in panel.bands:
+                self._band(axes, low, high, panel.labels)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+            axes.set_ylabel(panel.label)
             axes.grid(alpha=0.3)
             axes.margins(x=0)
-            if from_zero:
+            if panel.from_zero:
                 axes.set_ylim(bottom=min(0.0, np.nanmin([0.0, *columns[0], *columns[-1]])))
             self._shade(axes)
         first_ns = int(self._histories[0].stamps_ns[0])
@@ -113,8 +139,13 @@ class _Panels:
             name = label if label and style == _STYLES[0] else None
             times_s = self._histories[0].times_s
             axes.plot(times_s, column, label=name, color=colour, linewidth=1, linestyle=style)
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+    def _band(self, axes: Any, low: Any, high: Any, labels: tuple[tuple[str, str], ...]) -> None:
+        """Shade what is within the bounds of an estimate."""
+        lows, highs = (values.reshape(len(values), -1).T for values in (low, high))
+        times_s = self._histories[0].times_s
+        for lower, upper, (_, colour) in zip(lows, highs, labels, strict=True):
+            axes.fill_between(times_s, lower, upper, color=colour, alpha=_PALE, linewidth=0)
 
     def _shade(self, axes: Any) -> None:
         """Shade the times at which a pair has no answer."""
@@ -132,7 +163,7 @@ class _Panels:
             )
 
     def _name(self, figure: Figure) -> None:
-        """Say which pairs are drawn, and what red means, outside of the panels."""
+        """Say which pairs are drawn, and what shades mean, outside of the panels."""
         names = [f"{_printed(h.source)} in {_printed(h.target)}" for h in self._histories]
         if len(names) == 1:
             figure.suptitle(names[0])
@@ -142,9 +173,14 @@ class _Panels:
                 for style, name in zip(_STYLES, names, strict=True)
             ]
             figure.legend(handles=lines, loc="outside upper center", frameon=False)
+        shades = []
+        if any(history.estimates for history in self._histories):
+            within = f"within an estimate's bounds (level {LEVEL:g})"
+            shades.append(Patch(color=_GREY, alpha=_PALE, linewidth=0, label=within))
         if not all(history.answered.all() for history in self._histories):
-            red = Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer")
-            figure.legend(handles=[red], loc="outside lower right", frameon=False)
+            shades.append(Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer"))
+        if shades:
+            figure.legend(handles=shades, loc="outside lower right", frameon=False, ncols=2)
 
 
 def _angles(rotations: Any) -> Any:
@@ -157,6 +193,20 @@ def _angles(rotations: Any) -> Any:
     angles = np.stack([roll, pitch, yaw], axis=1)
     angles[1:][np.abs(np.diff(angles, axis=0)) > np.pi] = np.nan
     return angles
+
+
+def _band(estimates: EstimateHistory) -> tuple[Any, Any]:
+    """The least and greatest coordinates (n, 3) in metres that the bounds allow."""
+    positions, error_m = estimates.poses[:, :3], estimates.bounds.distances_m[:, None]
+    return positions - error_m, positions + error_m
+
+
+def _metres(error: PoseError) -> Any:
+    return error.distances_m
+
+
+def _degrees(error: PoseError) -> Any:
+    return np.degrees(error.angles_rad)
 
 
 def _printed(text: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Final
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from zenoh_tf import TransformException
 from zenoh_tf_client.mirror.mirror import Mirror
+from zenoh_tf_tools.plotting.estimates import EstimateRows
 from zenoh_tf_tools.plotting.pair import PairHistory
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
@@ -20,6 +22,8 @@ from zenoh_tf_tools.viewer.source import Lookups, ViewedTree
 Pair = tuple[str, str]
 
 _PERIOD_S: Final = 0.02
+#: After so many rows the samples are looked up that estimates are compared with.
+_TURNS: Final = 100
 #: Times at which a recording is asked.
 _TIMES: Final = 2_000
 _NO_POSE: Final = [float("nan")] * 7
@@ -29,8 +33,9 @@ _NO_VELOCITY: Final = [float("nan")] * 6
 class _Rows:
     """The rows of a pair so far."""
 
-    def __init__(self, pair: Pair, *, velocity: bool) -> None:
+    def __init__(self, pair: Pair, *, velocity: bool, estimate: bool = False) -> None:
         self.pair = pair
+        self.estimates = EstimateRows(*pair) if estimate else None
         self._asks_velocity = velocity
         self._stamps_ns: list[int] = []
         self._poses: list[list[float]] = []
@@ -56,6 +61,13 @@ class _Rows:
         else:
             self._velocities.append([*found.linear.tolist(), *found.angular.tolist()])
 
+    def add_estimate(self, live: LiveSource, clock_ns: int) -> None:
+        """Estimate the pose of the pair now, if that is wanted."""
+        if self.estimates is not None:
+            self.estimates.ask(partial(live.estimate, *self.pair, clock_ns), clock_ns)
+            if len(self._stamps_ns) % _TURNS == 0:
+                self.estimates.look_up(live.lookups)
+
     def history(self) -> PairHistory:
         velocities = np.array(self._velocities).reshape(-1, 6) if self._asks_velocity else None
         return PairHistory(
@@ -65,11 +77,17 @@ class _Rows:
             np.array(self._ages_s),
             velocities,
             self.error,
+            None if self.estimates is None else self.estimates.history(),
         )
 
 
 def follow(
-    mirror: Mirror, pairs: Sequence[Pair], seconds: float, *, velocity: bool = False
+    mirror: Mirror,
+    pairs: Sequence[Pair],
+    seconds: float,
+    *,
+    velocity: bool = False,
+    estimate: bool = False,
 ) -> list[PairHistory]:
     """Look pairs up 50 times a second: the newest sample of each link.
 
@@ -78,9 +96,10 @@ def follow(
         pairs: Of target and source.
         seconds: For how long.
         velocity: Look their velocities up, too, at the latest common times.
+        estimate: Estimate where they are, too.
     """
     live = LiveSource(mirror)
-    rows = [_Rows(pair, velocity=velocity) for pair in pairs]
+    rows = [_Rows(pair, velocity=velocity, estimate=estimate) for pair in pairs]
     start_ns, start_s = time.time_ns(), time.monotonic()
     clock_ns, turns = 0, 0
     while (now_s := time.monotonic() - start_s) < seconds or not turns:
@@ -96,8 +115,12 @@ def follow(
                 each.error = error
             each.add(start_ns + round(now_s * 1e9), pose, age_s)
             each.add_velocity(mirror, None)
+            each.add_estimate(live, clock_ns)
         turns += 1
         time.sleep(max(0.0, start_s + turns * _PERIOD_S - time.monotonic()))
+    for each in rows:
+        if each.estimates is not None:
+            each.estimates.look_up(mirror)
     return [each.history() for each in rows]
 
 

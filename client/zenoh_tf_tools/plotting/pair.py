@@ -1,13 +1,30 @@
-"""Pose, age and velocity of a pair of frames over time, and the error against another pair."""
+"""Pose, age, velocity and estimates of a pair of frames over time, and errors of poses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import TransformException
+
+#: Share of the estimates whose errors are within the bounds.
+LEVEL: Final = 0.9
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """How far poses are from others at the same times, or may be.
+
+    Attributes:
+        distances_m: (n,) between the positions; NaN where there is no pose.
+        angles_rad: (n,) of the rotation between the two orientations, from 0 to pi.
+    """
+
+    distances_m: NDArray[np.float64]
+    angles_rad: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,6 +42,7 @@ class PairHistory:
         velocities: (n, 6) linear in m/s and angular in rad/s, of the source as seen from the
             target and in its axes; NaN without an answer. None if nobody asked.
         error: Why the last lookup without an answer had none; None if all had one.
+        estimates: What was estimated for each time before its samples came. None if nobody asked.
     """
 
     target: str
@@ -34,6 +52,7 @@ class PairHistory:
     ages_s: NDArray[np.float64]
     velocities: NDArray[np.float64] | None
     error: TransformException | None
+    estimates: EstimateHistory | None = None
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -48,28 +67,43 @@ class PairHistory:
 
 
 @dataclass(frozen=True)
-class PoseError:
-    """How far the poses of a pair are from those of a reference pair at the same times.
+class EstimateHistory:
+    """What was estimated for each time before its samples came, and how wrong that was.
 
     Attributes:
-        distances_m: (n,) between the positions; NaN where a pair had no answer.
-        angles_rad: (n,) of the rotation between the two orientations, from 0 to pi.
+        poses: (n, 7) rows as of lookups: `X_target_source`; NaN without an estimate.
+        bounds: How wrong they may be: NaN without an estimate.
+        errors: How wrong they were, by the samples; NaN where these said nothing.
     """
 
-    distances_m: NDArray[np.float64]
-    angles_rad: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    bounds: PoseError
+    errors: PoseError
+
+    @property
+    def compared(self) -> NDArray[np.bool_]:
+        """(n,) which estimates are known to be right or wrong."""
+        return ~np.isnan(self.bounds.distances_m + self.errors.distances_m)
+
+    @property
+    def within(self) -> NDArray[np.bool_]:
+        """(n,) which errors were within both bounds."""
+        within: NDArray[np.bool_] = (self.errors.distances_m <= self.bounds.distances_m) & (
+            self.errors.angles_rad <= self.bounds.angles_rad
+        )
+        return within
 
 
-def pose_error(pair: PairHistory, reference: PairHistory) -> PoseError:
-    """Return the error of a pair against another one that was asked at the same times.
+def pose_error(poses: NDArray[np.float64], reference: NDArray[np.float64]) -> PoseError:
+    """Return how far poses are from others.
 
     Args:
-        pair: A pair, such as an estimate.
-        reference: What it is compared with, such as the truth.
+        poses: (n, 7) rows as of `PairHistory`, such as estimates.
+        reference: (n, 7) what they are compared with, such as the truth.
     """
-    offsets = pair.poses[:, :3] - reference.poses[:, :3]
-    x, y, z, w = (pair.poses[:, 3:] * (-1, -1, -1, 1)).T
-    rx, ry, rz, rw = reference.poses[:, 3:].T
+    offsets = poses[:, :3] - reference[:, :3]
+    x, y, z, w = (poses[:, 3:] * (-1, -1, -1, 1)).T
+    rx, ry, rz, rw = reference[:, 3:].T
     # The product of the inverse and the reference; an arc cosine would lose small angles.
     vector = np.stack(
         [

@@ -17,8 +17,16 @@ from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show import view
 from zenoh_tf_tools.errors import CommandError, extra, keep_input
+from zenoh_tf_tools.estimate_words import metres
+from zenoh_tf_tools.plotting.estimates import foretold
 from zenoh_tf_tools.plotting.lookups import follow, replayed
-from zenoh_tf_tools.plotting.pair import PairHistory, PoseError, pose_error
+from zenoh_tf_tools.plotting.pair import (
+    LEVEL,
+    EstimateHistory,
+    PairHistory,
+    PoseError,
+    pose_error,
+)
 
 #: How long a server is followed.
 _FOLLOW_S: Final = 10.0
@@ -39,6 +47,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf plot map base_link --velocity --for 1min --out base.png",
         "zenoh-tf plot run.mcap map base_link --start +2s --end -1s",
         "zenoh-tf plot run.mcap map base_link --pair map truth --error",
+        "zenoh-tf plot run.mcap map base_link --estimate",
     )
     add_optional_file(plot)
     add_frames(plot)
@@ -60,6 +69,12 @@ def add(commands: Commands) -> None:
         "--error",
         action="store_true",
         help="also draw how far TARGET SOURCE is from the pair of --pair, such as the true pose",
+    )
+    plot.add_argument(
+        "--estimate",
+        action="store_true",
+        help="also draw what an estimate says of each time before its samples come, with its "
+        "bounds, and how wrong it was (zenoh-tf estimate)",
     )
     recorded.add_range(plot, f"{{0}} time of FILE that is drawn: {RECORDED_TIMES}")
     plot.add_argument(
@@ -89,7 +104,7 @@ def _plot(args: argparse.Namespace) -> int:
     for history in histories:
         if not history.answered.any() and history.error is not None:
             raise history.error
-    found = pose_error(*histories) if args.error else None
+    found = pose_error(*(each.poses for each in histories)) if args.error else None
     try:
         save(histories, args.out, found)
     except OSError as error:
@@ -114,10 +129,14 @@ def _histories(args: argparse.Namespace) -> list[PairHistory]:
     if args.file is not None:
         source = view.recorded(args)
         range_ns = recorded.chosen_range(args, source.range_ns, source.range_ns, inside=True)
-        return replayed(source, pairs, range_ns, velocity=args.velocity)
+        histories = replayed(source, pairs, range_ns, velocity=args.velocity)
+        if args.estimate:
+            with recorded.opened(args) as recording:
+                histories = foretold(recording, source.lookups, histories)
+        return histories
     with connect(args) as tf, tf.mirror() as mirror:
         follow_s = _FOLLOW_S if args.follow_s is None else args.follow_s
-        return follow(mirror, pairs, follow_s, velocity=args.velocity)
+        return follow(mirror, pairs, follow_s, velocity=args.velocity, estimate=args.estimate)
 
 
 def _report(
@@ -128,11 +147,12 @@ def _report(
     lines = [
         f"{args.out}: {len(first.times_s):,} lookups over {first.times_s[-1]:.1f} s, {_age(first)}",
         *_failed(first),
+        *_estimated(first),
     ]
     for other in others:
         document["pair"] = {"target": other.target, "source": other.source, **_figures(other)}
         name = f"{printable(other.source)} in {printable(other.target)}"
-        lines += [f"{name}: {_age(other)}", *_failed(other)]
+        lines += [f"{name}: {_age(other)}", *_failed(other), *_estimated(other)]
     if found is not None:
         numbers = _error_figures(found)
         document |= numbers
@@ -142,7 +162,9 @@ def _report(
 
 def _figures(history: PairHistory) -> dict[str, Any]:
     median_s, greatest_s = _median_and_greatest(history.ages_s)
+    estimates = {} if history.estimates is None else {"estimates": _scores(history.estimates)}
     return {
+        **estimates,
         "lookups": len(history.times_s),
         "failed": int(np.count_nonzero(~history.answered)),
         "seconds": round(float(history.times_s[-1]), 3),
@@ -165,6 +187,36 @@ def _failed(history: PairHistory) -> list[str]:
     return [printable(text)] if failed else []
 
 
+def _scores(estimates: EstimateHistory) -> dict[str, Any]:
+    """How often estimates were within their bounds, and the medians of those and of errors."""
+    compared = estimates.compared
+    bounds, errors = (
+        {"m": each.distances_m[compared], "deg": np.degrees(each.angles_rad[compared])}
+        for each in (estimates.bounds, estimates.errors)
+    )
+    return {
+        "level": LEVEL,
+        "compared": int(np.count_nonzero(compared)),
+        "within": int(np.count_nonzero(estimates.within)),
+        **{f"median_bound_{unit}": _median(values) for unit, values in bounds.items()},
+        **{f"median_error_{unit}": _median(values) for unit, values in errors.items()},
+    }
+
+
+def _estimated(history: PairHistory) -> list[str]:
+    if history.estimates is None:
+        return []
+    scores = _scores(history.estimates)
+    count = scores["compared"]
+    if not count:
+        return [f"no estimates of level {LEVEL:g}: the history is too short, or its links stopped"]
+    bound, error = scores["median_bound_m"], scores["median_error_m"]
+    return [
+        f"{count:,} estimates: {scores['within'] / count:.1%} within their bounds (level "
+        f"{LEVEL:g}), {metres(bound)} (median); off by {metres(error)} (median)"
+    ]
+
+
 def _error_figures(found: PoseError) -> dict[str, float | None]:
     angles = _median_and_greatest(np.degrees(found.angles_rad))
     keys = ("median_error_m", "greatest_error_m", "median_error_deg", "greatest_error_deg")
@@ -184,7 +236,11 @@ def _error_text(numbers: dict[str, float | None]) -> str:
 def _median_and_greatest(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
     """Without the NaNs; None if there is nothing else."""
     known = values[~np.isnan(values)]
-    return (float(np.median(known)), float(known.max())) if len(known) else (None, None)
+    return (_median(known), float(known.max())) if len(known) else (None, None)
+
+
+def _median(values: NDArray[np.float64]) -> float | None:
+    return float(np.median(values)) if len(values) else None
 
 
 def _figure(text: str) -> Path:
