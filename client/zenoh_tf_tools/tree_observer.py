@@ -42,16 +42,19 @@ class TreeObserver:
             LimitExceeded: The same.
         """
         self.observation = Observation()
+        self._timeout_s = timeout_s
         self._has_copy = False
         self._queue: deque[wire.Frames | wire.StreamMessage] = deque()
-        self._feed = MirrorFeed(MirrorSource(client._connection), self._on_copy, observer=self)
+        source = MirrorSource(client._connection)
+        self._feed = MirrorFeed(source, self._on_copy, observer=self, keeps_tree=False)
         try:
             self._feed.wait_for_copy(timeout_s)
         except BaseException:
             self.close()
             raise
         #: This machine's real-time clock less the clock of the stream, which may be any.
-        self._offset_ns = self._compare_clocks(timeout_s)
+        self._offset_ns = self._compare_clocks()
+        self._snapshots = self._feed.snapshots
         self.update()
 
     def update(self) -> int:
@@ -64,12 +67,23 @@ class TreeObserver:
                 self._load(item)
         return self._feed.state.clock_ns + self._offset_ns
 
+    @property
+    def is_broken(self) -> bool:
+        """Whether another snapshot was needed: of another server, or since messages were lost."""
+        return self._feed.snapshots != self._snapshots
+
+    def renew(self) -> None:
+        """Judge what comes from now on."""
+        self.update()
+        self.observation.renew()
+        self._offset_ns = self._compare_clocks()  # they drift
+
     def close(self) -> None:
         """Observe no more."""
         self._feed.close()
 
-    def _compare_clocks(self, timeout_s: float) -> int:
-        end_s = time.monotonic() + timeout_s
+    def _compare_clocks(self) -> int:
+        end_s = time.monotonic() + self._timeout_s
         while True:
             state = self._feed.state
             age_s = self._feed.age_s(state)
@@ -127,13 +141,21 @@ class TreeObserver:
     def _add(self, message: wire.StreamMessage) -> None:
         assert message.changes is not None
         samples = wire.samples_of_changes(message.changes)
-        for row in np.flatnonzero(samples.has_parent).tolist():
-            self.observation.add(
-                message.clock_ns + self._offset_ns,
-                samples.names[samples.child[row]],
-                samples.names[samples.parent[row]],
-                int(samples.stamp[row]),
-                samples.pose[row],
-                samples.authorities[samples.authority[row]],
-                static=bool(samples.static[row]),
-            )
+        arrival_ns = message.clock_ns + self._offset_ns
+        columns = (samples.has_parent, samples.child, samples.parent, samples.stamp)
+        rows = zip(
+            *(column.tolist() for column in (*columns, samples.authority, samples.static)),
+            samples.pose,
+            strict=True,
+        )
+        for has_parent, child, parent, stamp_ns, authority, static, pose in rows:
+            if has_parent:
+                self.observation.add(
+                    arrival_ns,
+                    samples.names[child],
+                    samples.names[parent],
+                    stamp_ns,
+                    pose,
+                    samples.authorities[authority],
+                    static=bool(static),
+                )

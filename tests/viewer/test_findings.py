@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 import pytest
 
 from zenoh_tf import ServerUnavailable, StampedTransform, Transform, TransformTree
 from zenoh_tf.doctor import LinkFacts, TreeFacts
+from zenoh_tf_tools.viewer import findings as findings_module
 from zenoh_tf_tools.viewer.findings import Findings
 
 WAIT_S = 60
@@ -23,16 +25,16 @@ class Observed:
         for parent, child in (("map", "base"), ("world", "ball")):
             self.tree.set_transform(StampedTransform(parent, child, 1, Transform()), static=True)
 
-    def __call__(self, stopped: Callable[[], bool]) -> TreeFacts:
+    def __call__(self, stopped: Callable[[], bool]) -> Generator[TreeFacts, None, None]:
         self.times.release()
         frames = [self.tree.frame(name) for name in self.tree.frames()]
-        return TreeFacts([LinkFacts(frame) for frame in frames], 1)
+        yield TreeFacts([LinkFacts(frame) for frame in frames], 1)
 
 
 def test_faults_are_found_while_someone_looks() -> None:
     looks = threading.Event()
     observed = Observed()
-    findings = Findings(observed, once=True, wanted=looks.is_set)
+    findings = Findings(observed, wanted=looks.is_set)
     assert findings.found is None
     assert findings.of_frames() == {}
     looks.set()
@@ -48,7 +50,7 @@ def test_faults_are_found_while_someone_looks() -> None:
 
 def test_nothing_is_observed_while_nobody_looks() -> None:
     observed = Observed()
-    findings = Findings(observed, once=False, wanted=lambda: False)
+    findings = Findings(observed, wanted=lambda: False)
     findings.close()
     assert not observed.times.acquire(blocking=False)
 
@@ -56,15 +58,15 @@ def test_nothing_is_observed_while_nobody_looks() -> None:
 def test_a_server_that_is_away_is_asked_again() -> None:
     observed = Observed()
 
-    def away_at_first(stopped: Callable[[], bool]) -> TreeFacts:
-        facts = observed(stopped)
+    def away_at_first(stopped: Callable[[], bool]) -> Generator[TreeFacts, None, None]:
         if not asked.is_set():
             asked.set()
+            observed.times.release()
             raise ServerUnavailable("no reply")
-        return facts
+        yield from observed(stopped)
 
     asked = threading.Event()
-    findings = Findings(away_at_first, once=False, wanted=lambda: True)
+    findings = Findings(away_at_first, wanted=lambda: True)
     assert observed.times.acquire(timeout=WAIT_S)
     assert observed.times.acquire(timeout=WAIT_S)
     findings.close()
@@ -72,16 +74,43 @@ def test_a_server_that_is_away_is_asked_again() -> None:
 
 
 @pytest.mark.timeout(WAIT_S)
+def test_one_observation_goes_on_until_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(findings_module, "_PAUSE_S", 0.01)
+    looks, closed = threading.Event(), threading.Event()
+    counts: list[int] = []
+
+    def observe(stopped: Callable[[], bool]) -> Generator[TreeFacts, None, None]:
+        try:
+            for count in itertools.count():
+                counts.append(count)
+                if count == 3:
+                    looks.clear()
+                yield TreeFacts([], 0)
+        finally:
+            closed.set()
+
+    looks.set()
+    findings = Findings(observe, wanted=looks.is_set)
+    closed.wait()
+    assert counts == [0, 1, 2, 3]
+    closed.clear()
+    looks.set()
+    closed.wait()
+    assert counts == [0, 1, 2, 3] * 2
+    findings.close()
+
+
+@pytest.mark.timeout(WAIT_S)
 def test_closing_stops_an_observation() -> None:
     begun = threading.Event()
 
-    def long(stopped: Callable[[], bool]) -> TreeFacts:
+    def long(stopped: Callable[[], bool]) -> Generator[TreeFacts, None, None]:
         begun.set()
         while not stopped():
             pass
-        return TreeFacts([], 0)
+        yield TreeFacts([], 0)
 
-    findings = Findings(long, once=True, wanted=lambda: True)
+    findings = Findings(long, wanted=lambda: True)
     begun.wait()
     findings.close()
     assert findings.found == []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -60,9 +60,14 @@ def options(max_frames: int = 100) -> Options:
     return Options(stale_s=1.0, max_frames=max_frames, at_ns=0, fixed=None, axes_m=0.2, trail_s=5.0)
 
 
+def nothing(stopped: Callable[[], bool]) -> Generator[TreeFacts, None, None]:
+    """What is observed of a tree without frames."""
+    yield TreeFacts([], 0)
+
+
 @contextlib.contextmanager
 def opened(server: Any, tree: Tree, models: Sequence[Model] = (), **how: Any) -> Iterator[Viewer]:
-    viewer = Viewer(tree, server, options(**how), lambda _: TreeFacts([], 0), models)
+    viewer = Viewer(tree, server, options(**how), nothing, models)
     try:
         yield viewer
     finally:

@@ -134,6 +134,11 @@ class Observation:
             link.add(arrival_ns, stamp_ns, pose)
         return seen
 
+    def renew(self) -> None:
+        """Judge what comes from now on. What came before is only compared with it."""
+        for link in self._links.values():
+            link.renew()
+
     def came(self, arrival_ns: int) -> None:
         """Record that the clock of the arrivals has reached a time.
 
@@ -214,6 +219,12 @@ class _Link:
         for kept in (self._arrivals, self._stamps, self._poses):
             del kept[:-_KEPT]
         self._fresh = len(self._stamps)
+
+    def renew(self) -> None:
+        """Forget what the samples say, but not when the last one came."""
+        self.read()
+        seen, timing = self.seen, Timing(last_ns=self.seen.timing.last_ns)
+        self.seen = Seen(seen.parent, seen.static, seen.pose, seen.authority, timing)
 
     def restart(self) -> None:
         """Forget the samples: the next ones are of another parent, kind or time."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
+from collections.abc import Generator
 from typing import Final
 
 from zenoh_tf import LimitExceeded, TimeoutException
@@ -14,35 +16,71 @@ from zenoh_tf_tools.tree_observer import TreeObserver
 
 #: How often what has come is read.
 _PAUSE_S: Final = 0.05
+#: A tree that is watched on and on is judged over at most about so much time.
+_WINDOW_S: Final = 15.0
 
 
 def observe(tf: TransformClient, observe_s: float, timeout_s: float) -> TreeFacts:
     """Watch the samples for so many seconds, and read the records of the frames at the beginning
     and at the end. The first copy of the tree may take `timeout_s`."""
+    with contextlib.closing(watch(tf, observe_s, timeout_s)) as looks:
+        return next(looks)
+
+
+def watch(
+    tf: TransformClient, observe_s: float, timeout_s: float
+) -> Generator[TreeFacts, None, None]:
+    """Watch the samples from now on, until the iterator is closed.
+
+    Yields what `observe` returns. The next facts are of a time that has grown, or of one that
+    begins with the last facts if that time is longer than `_WINDOW_S`. The tree is copied once, and
+    again only after a break of the stream.
+    """
     observer = _observer(tf, timeout_s)
     try:
-        before = {frame.name: frame for frame in frame_infos(tf)}
-        authorities_before = tf.authorities()
-        start_s = time.monotonic()
-        while (left_s := start_s + observe_s - time.monotonic()) > 0:
-            if observer is not None:
-                observer.update()
-            time.sleep(min(_PAUSE_S, left_s))
-        observed_s = time.monotonic() - start_s if observe_s else 0.0
-        frames = frame_infos(tf)
-        now_ns = time.time_ns() if observer is None else observer.update()
+        window = _Window(tf)
+        while True:
+            while (left_s := window.start_s + observe_s - time.monotonic()) > 0:
+                if observer is not None:
+                    observer.update()
+                time.sleep(min(_PAUSE_S, left_s))
+            yield window.facts(observer, observed=observe_s > 0)
+            if observer is not None and observer.is_broken:
+                observer.close()
+                observer = _observer(tf, timeout_s)
+            elif time.monotonic() < window.start_s + _WINDOW_S:
+                continue
+            elif observer is not None:
+                observer.renew()
+            window = _Window(tf)
     finally:
         if observer is not None:
             observer.close()
-    seen = {} if observer is None else observer.observation.seen()
-    return TreeFacts(
-        [LinkFacts(frame, before.get(frame.name), seen.get(frame.name)) for frame in frames],
-        now_ns,
-        observed_s,
-        tf.authorities(),
-        authorities_before if observe_s else (),
-        tf.clients(),
-    )
+
+
+class _Window:
+    """The records of a tree at the beginning of a time."""
+
+    def __init__(self, tf: TransformClient) -> None:
+        self._tf = tf
+        self._frames = {frame.name: frame for frame in frame_infos(tf)}
+        self._authorities = tf.authorities()
+        self.start_s = time.monotonic()
+
+    def facts(self, observer: TreeObserver | None, *, observed: bool) -> TreeFacts:
+        """What is known now. `observed`: whether time has passed since the beginning."""
+        observed_s = time.monotonic() - self.start_s if observed else 0.0
+        frames = frame_infos(self._tf)
+        now_ns = time.time_ns() if observer is None else observer.update()
+        seen = {} if observer is None else observer.observation.seen()
+        return TreeFacts(
+            [LinkFacts(x, self._frames.get(x.name), seen.get(x.name)) for x in frames],
+            now_ns,
+            observed_s,
+            self._tf.authorities(),
+            self._authorities if observed else (),
+            self._tf.clients(),
+        )
 
 
 def _observer(tf: TransformClient, timeout_s: float) -> TreeObserver | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from typing import Final
 
 from zenoh_tf import TransformException
@@ -12,11 +13,12 @@ from zenoh_tf_tools.errors import CommandError
 
 #: The pause after an observation, in seconds, so that the server has time for others.
 _PAUSE_S: Final = 5.0
+#: So often it is asked whether someone looks, in seconds, before the first observation.
+_IDLE_S: Final = 0.5
 
-
-#: Gathers the facts about the tree. It may take seconds; it asks what it is given, again and again,
-#: whether to stop.
-Observe = Callable[[Callable[[], bool]], TreeFacts]
+#: Yields the facts about the tree, each time that it is asked, which may take seconds; it ends if
+#: they do not change any more, as of a recording. It asks what it is given whether to stop.
+Observe = Callable[[Callable[[], bool]], Generator[TreeFacts, None, None]]
 
 
 class Findings:
@@ -25,16 +27,14 @@ class Findings:
     Thread safety: all methods.
     """
 
-    def __init__(self, observe: Observe, *, once: bool, wanted: Callable[[], bool]) -> None:
+    def __init__(self, observe: Observe, *, wanted: Callable[[], bool]) -> None:
         """Begin to observe.
 
         Args:
             observe: Gathers the facts.
-            once: Whether one observation is enough, as of a recording.
             wanted: Whether someone looks; if nobody does, nothing is observed.
         """
         self._observe = observe
-        self._once = once
         self._wanted = wanted
         self._closed = threading.Event()
         self._found: list[Finding] | None = None
@@ -66,12 +66,18 @@ class Findings:
         while not self._closed.is_set():
             if self._wanted():
                 try:
-                    facts = self._observe(self._closed.is_set)
-                    self._found = diagnose(facts)
+                    if self._look():
+                        return
                 except (TransformException, CommandError):
                     # The server is away, which the viewer says; the faults are as they were.
                     pass
-                else:
-                    if self._once:
-                        return
-            self._closed.wait(_PAUSE_S if self._found is not None else 0.5)
+            self._closed.wait(_PAUSE_S if self._found is not None else _IDLE_S)
+
+    def _look(self) -> bool:
+        """Observe until nobody looks. Returns whether there is nothing more to observe."""
+        with contextlib.closing(self._observe(self._closed.is_set)) as looks:
+            for facts in looks:
+                self._found = diagnose(facts)
+                if not self._wanted() or self._closed.wait(_PAUSE_S):
+                    return False
+        return True

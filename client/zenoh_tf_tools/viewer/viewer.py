@@ -134,9 +134,7 @@ class Viewer:
         self.ghost = Ghost(server.scene)
         self._estimate: Estimate | TransformException | None = None
         self.models = Models(server.scene, models)
-        self.findings = Findings(
-            observe, once=source.range_ns is not None, wanted=lambda: bool(server.get_clients())
-        )
+        self.findings = Findings(observe, wanted=lambda: bool(server.get_clients()))
         self.panel = Panel(
             server,
             range_ns=source.range_ns,

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.arguments import Commands, add_listen, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.observations import observe
+from zenoh_tf_tools.cli.observations import watch
 from zenoh_tf_tools.errors import CommandError, extra
 from zenoh_tf_tools.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer.live import LiveSource
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from zenoh_tf_tools.viewer.findings import Observe
     from zenoh_tf_tools.viewer.models import Model
 
-#: How long the doctor watches a server's tree.
+#: How long the doctor watches a server's tree before its first judgement.
 _OBSERVE_S = 2.0
 
 
@@ -142,17 +142,19 @@ def _source(args: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[View
         return recorded(args), lambda stopped: _recorded_facts(args, stopped)
     tf = stack.enter_context(connect(args))
     source = LiveSource(stack.enter_context(tf.mirror()))
-    return source, lambda _stopped: observe(tf, _OBSERVE_S, args.timeout)
+    return source, lambda _stopped: watch(tf, _OBSERVE_S, args.timeout)
 
 
-def _recorded_facts(args: argparse.Namespace, stopped: Callable[[], bool]) -> TreeFacts:
+def _recorded_facts(
+    args: argparse.Namespace, stopped: Callable[[], bool]
+) -> Generator[TreeFacts, None, None]:
     facts = RecordedFacts()
     with recordings.opened(args) as recording:
         for message in recording.messages():
             if stopped():
                 break
             facts.add(message.log_ns, message.topic, message.static, message.rows)
-    return facts.facts()
+    yield facts.facts()
 
 
 def _models(files: list[Path]) -> list[Model]:
