@@ -182,6 +182,7 @@ def test_what_estimates_print(late: Path, tmp_path: Path, capsys: Any) -> None:
     )
     scores = json.loads(call(capsys, *args, "--json").stdout)["estimates"]
     assert 0.8 * scores["compared"] < scores["within"] <= scores["compared"]
+    assert scores["compared"] == scores["estimates"]
     assert 0 < scores["median_error_m"] < scores["median_bound_m"]
     drawn = (tmp_path / "x.svg").read_text()
     for text in ("estimate off by [m]", "within an estimate's bounds (level 0.9)"):

@@ -196,6 +196,7 @@ def _scores(estimates: EstimateHistory) -> dict[str, Any]:
     )
     return {
         "level": LEVEL,
+        "estimates": int(np.count_nonzero(~np.isnan(estimates.poses[:, 0]))),
         "compared": int(np.count_nonzero(compared)),
         "within": int(np.count_nonzero(estimates.within)),
         **{f"median_bound_{unit}": _median(values) for unit, values in bounds.items()},
@@ -208,8 +209,10 @@ def _estimated(history: PairHistory) -> list[str]:
         return []
     scores = _scores(history.estimates)
     count = scores["compared"]
-    if not count:
+    if not scores["estimates"]:
         return [f"no estimates of level {LEVEL:g}: the history is too short, or its links stopped"]
+    if not count:
+        return [f"{scores['estimates']:,} estimates; no samples of their times have come yet"]
     bound, error = scores["median_bound_m"], scores["median_error_m"]
     return [
         f"{count:,} estimates: {scores['within'] / count:.1%} within their bounds (level "
