@@ -174,6 +174,10 @@ def test_a_recorded_link_has_the_parent_of_the_time(recorded: RecordedSource) ->
     assert (before.parent, after.parent) == ("map", "world")
 
 
+def test_all_samples_of_a_recording_are_known(recorded: RecordedSource) -> None:
+    assert recorded.estimate("map", "base", 3 * S + S // 20) is None
+
+
 def test_steps_of_a_recording_end_at_samples(recorded: RecordedSource) -> None:
     at_ns = 3 * S + S // 20
     assert recorded.step_ns(["base"], at_ns, 1) == 3 * S + S // 10
