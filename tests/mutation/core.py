@@ -182,6 +182,8 @@ MUTANTS = (
         "a change is applied twice",
         "if (changes.version[i] > target.before)",
         "if (changes.version[i] >= target.before)",
+        "a sample of a known stamp takes its own place, and each other kind leaves what it left: "
+        "the rule spares work, and the concurrent tests find its lack only now and then",
     ),
     replay(
         "new names are seen before their frames",
