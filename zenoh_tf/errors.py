@@ -238,29 +238,8 @@ class TooUncertain(ExtrapolationException):
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
-    for kind in (
-        TransformException,
-        LookupException,
-        ConnectivityException,
-        InvalidArgumentException,
-        TimeoutException,
-        ExtrapolationException,
-        NoDataForExtrapolationException,
-        BackwardExtrapolationException,
-        ForwardExtrapolationException,
-        TransactionConflict,
-        LimitExceeded,
-        ServiceException,
-        ServerUnavailable,
-        OutcomeUnknown,
-        ServerRestarted,
-        ProtocolError,
-        ServerBusy,
-        AccessDenied,
-        NotDurable,
-        ReplicaBehind,
-        TooUncertain,
-    )
+    for kind in [*globals().values()]
+    if isinstance(kind, type) and issubclass(kind, TransformException)
 }
 
 __all__ = ["BY_CODE", "FACTS", *(kind.__name__ for kind in BY_CODE.values())]
