@@ -58,19 +58,7 @@ class SharedTree(_core.SharedTree):
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
     ) -> TransformArray | AskServer:
-        """Look up many transforms in one call; see `TransformTree.lookup_transforms`.
-
-        Args:
-            targets: Frames to express coordinates in; one name stands for every row.
-            sources: Frames whose coordinates are given; one name stands for every row.
-            stamps_ns: Times in nanoseconds, or None for the latest common time of every row.
-
-        Returns:
-            `X_target_source` of every row, in metres.
-
-        Raises:
-            InvalidArgumentException: A name or a stamp is invalid, or the numbers of rows differ.
-        """
+        """As `TransformTree.lookup_transforms`."""
         columns = self._lookup_columns(targets, sources, stamps_ns)
         if isinstance(columns, AskServer):
             return columns
@@ -87,26 +75,7 @@ class SharedTree(_core.SharedTree):
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Velocity | AskServer:
-        """Return how a frame moves in another; see `TransformTree.lookup_velocity`.
-
-        Args:
-            tracking_frame: Frame whose motion is measured.
-            observation_frame: Frame that counts as standing still.
-            stamp_ns: Middle of the averaging window in nanoseconds; None: the latest common time.
-            averaging_interval_s: Length of the window, from 1e-9 to 1e9 seconds.
-            reference_frame: Frame in whose axes the answer is; None means the observation frame.
-            reference_point: (3,) metres; the linear velocity is of the body's point there.
-            reference_point_frame: Frame of the reference point; None means the tracking frame.
-
-        Returns:
-            The mean twist over the window, in m/s and rad/s.
-
-        Raises:
-            LookupException: A frame does not exist, or a path is longer than `max_depth`.
-            ConnectivityException: No path connects two of the frames.
-            ExtrapolationException: A link has no data for a time of the window.
-            InvalidArgumentException: A name, the stamp, the interval or the point is invalid.
-        """
+        """As `TransformTree.lookup_velocity`."""
         record = self._velocity_record(
             tracking_frame,
             observation_frame,
@@ -131,30 +100,7 @@ class SharedTree(_core.SharedTree):
         min_level: float | None = None,
         radius_m: float = 0.0,
     ) -> Estimate | AskServer:
-        """Estimate a pose and its error; see `TransformTree.estimate_transform`.
-
-        Args:
-            target: Frame to express the pose in.
-            source: Frame whose pose is asked for.
-            stamp_ns: Time in nanoseconds; None for now, by this host's real-time clock.
-            level: Share of answers whose errors are within the bounds, above 0 and below 1.
-            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
-            max_error_m: Largest error of the position to accept, in metres; None for any.
-            max_error_rad: Largest error of the orientation to accept, in radians; None for any.
-            min_level: Level to insist on with a limit; None for `level` itself.
-            radius_m: Radius in metres of the body that `error_m` is to hold for.
-
-        Returns:
-            `X_target_source` in metres, and the bounds of its errors in metres and radians.
-
-        Raises:
-            TooUncertain: An error may be larger than its limit.
-            ForwardExtrapolationException: A link ends more than `max_by_s` before the time.
-            LookupException: A frame does not exist, or the path is longer than `max_depth`.
-            ConnectivityException: No path connects the frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: An argument is invalid; `field` names it.
-        """
+        """As `TransformTree.estimate_transform`."""
         by_ns, now_ns = max_by_ns(max_by_s), time.time_ns()
         found = self._estimate(Estimate, target, source, stamp_ns, now_ns, level, by_ns, radius_m)
         if isinstance(found, AskServer):
@@ -172,19 +118,7 @@ class SharedTree(_core.SharedTree):
         max_by_s: float = 0.5,
         radius_m: float = 0.0,
     ) -> EstimateArray | AskServer:
-        """Estimate many poses and their errors; see `TransformTree.estimate_transforms`.
-
-        Args:
-            targets: Frames to express the poses in; one name stands for every row.
-            sources: Frames whose poses are asked for; one name stands for every row.
-            stamps_ns: Times in nanoseconds; None for now, by this host's real-time clock.
-            level: Share of answers whose errors are within the bounds, above 0 and below 1.
-            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
-            radius_m: Radius in metres of the bodies that `error_m` is to hold for.
-
-        Raises:
-            InvalidArgumentException: An argument is invalid, or the numbers of rows differ.
-        """
+        """As `TransformTree.estimate_transforms`."""
         columns = self._estimate_columns(
             targets, sources, stamps_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
         )
@@ -193,15 +127,7 @@ class SharedTree(_core.SharedTree):
         return EstimateArray(*columns, targets, sources)
 
     def frame(self, name: str) -> FrameInfo | AskServer:
-        """Return what is known about a frame and the link to its parent.
-
-        Args:
-            name: The frame.
-
-        Raises:
-            LookupException: The frame does not exist.
-            InvalidArgumentException: The name is invalid.
-        """
+        """As `TransformTree.frame`."""
         record = self._frame_record(name)
         return record if isinstance(record, AskServer) else FrameInfo.from_record(record)
 
