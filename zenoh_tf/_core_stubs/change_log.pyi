@@ -8,34 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import _core
-
-#: (names, authorities, kind, frame, version, parent, authority, stamp, pose, lost), see wire.Changes
-_Changes = tuple[
-    list[str],
-    list[str],
-    NDArray[np.uint8],
-    NDArray[np.uint32],
-    NDArray[np.uint64],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
-    NDArray[np.uint32],
-]
-#: (names, authorities, frame, version, static, authority, count, stamp, parent, pose), see
-#: wire.Frames
-_Frames = tuple[
-    list[str],
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint64],
-    NDArray[np.uint8],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.uint32],
-    NDArray[np.float64],
-]
+from zenoh_tf.wire.stream import Changes, Frames
 
 class ChangeLog:
     """Reads a tree's change log and its snapshots.
@@ -52,7 +25,7 @@ class ChangeLog:
     def wake(self) -> None: ...
     # (first, last, lost, changes): the entries that are there, about `most_bytes` of them. Empty
     # entries are counted only, and None says that all were. `lost`: the next one is; start again.
-    def take(self, most_bytes: int) -> tuple[int, int, bool, _Changes | None]: ...
+    def take(self, most_bytes: int) -> tuple[int, int, bool, Changes | None]: ...
     @property
     def last(self) -> int: ...  # number of the last commit, which may be in progress
     @property
@@ -61,7 +34,7 @@ class ChangeLog:
     def plan_snapshot(self, piece_bytes: int) -> tuple[int, bool, NDArray[np.uint32]]: ...
     # (last id that was read, frames) of those with ids above one bound, up to the next, or until
     # they have `most_bytes` or more.
-    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, _Frames]: ...
+    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, Frames]: ...
 
 class ChangeReplay:
     """Makes a tree the mirror of another. One thread at a time."""
@@ -113,7 +86,7 @@ class InterestReader:
     # number are in it. LimitExceeded: there are more than `max_frames` frames.
     def read(
         self, with_all: bool, max_frames: int
-    ) -> tuple[int, bool, _Changes | None, _Changes | None]: ...
+    ) -> tuple[int, bool, Changes | None, Changes | None]: ...
     # Whether a read would return a change. Always, without pairs.
     def has_changed(self) -> bool: ...
     @property
