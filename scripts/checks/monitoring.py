@@ -153,7 +153,7 @@ def compose_files(repository: Repository) -> Iterator[Violation]:
 def scraping(repository: Repository) -> Iterator[Violation]:
     """Prometheus scrapes the port that the server listens on, under the alerts' job name."""
     command = load(repository, MONITORING)["services"]["server"]["command"]
-    port = flags.parser().parse_args(command).metrics.rpartition(":")[2]
+    _, port = flags.parser().parse_args(command).metrics
     (job,) = load(repository, SCRAPE)["scrape_configs"]
     if job["static_configs"] != [{"targets": [f"server:{port}"]}]:
         yield repository.at(SCRAPE, "targets", f"the server's metrics are at server:{port}")

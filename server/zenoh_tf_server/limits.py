@@ -1,7 +1,6 @@
-"""Every limit of the server in one table. `limit_flags` and docs/reference/limits.md are made from
-it.
+"""Every limit of the server in one table. `limit_flags` is made from it.
 
-``python -m zenoh_tf_server.limits > docs/reference/limits.md`` writes the page.
+``python -m zenoh_tf_server.limits`` prints the table of docs/reference/limits.md.
 """
 
 from __future__ import annotations
@@ -251,31 +250,8 @@ class Limits:
         return asdict(self)
 
 
-def page() -> Iterator[str]:
-    """The lines of docs/reference/limits.md."""
-    yield "# Limits"
-    yield ""
-    yield "Everything that a client can make grow has a limit. `zenoh-tf-server --limit"
-    yield "NAME=VALUE` sets one, and is repeatable; in the file of `--config` the same names"
-    yield "stand in `[limits]`. `--limit help` lists them. Only `memory` has a flag of its own,"
-    yield "`--max-memory`, which also accepts 512MB or 4G (of 1024³ bytes)."
-    yield ""
-    yield "```toml"
-    yield 'max-memory = "1G"'
-    yield ""
-    yield "[limits]"
-    yield "frames = 5000"
-    yield "samples_per_frame = 1000"
-    yield "```"
-    yield ""
-    yield "A request that is refused for a limit gets `LimitExceeded`: `field` is the limit's"
-    yield "name (with `max_` in front if the tree itself refuses), `limit` its value and `value`"
-    yield "what exceeded it. What clients share, such as waiting lookups, is refused with"
-    yield "`ServerBusy`, the same facts and `retry_after_s`: one client may hold as much as is"
-    yield "left free. With n heavy clients each gets 1/(n+1), so a new client always finds"
-    yield "capacity. Clients learn the limits when they connect, and check the size of a"
-    yield "message before they send it."
-    yield ""
+def table() -> Iterator[str]:
+    """The lines of the table in docs/reference/limits.md."""
     yield "| limit | default | of what | when hit |"
     yield "|---|---|---|---|"
     for entry in fields(Limits):
@@ -283,26 +259,7 @@ def page() -> Iterator[str]:
             f"| {entry.name} | {entry.default:,} "
             f"| {entry.metadata['meaning']} | {entry.metadata['when_hit']} |"
         )
-    yield ""
-    yield "Some limits are fixed: 255 bytes in a tree's name, as many bytes in an authority's"
-    yield "name as in a frame's, 4,096 authorities per tree, 25,000 operations of one batch,"
-    yield "600 s until a write's expiry, and 4,096 publishers and 100,000 static transforms of"
-    yield "ROS 2 that are remembered. A lookup that follows more than `depth` links fails with"
-    yield "`LookupException`, as in tf2. If there is no room for a new authority, those that own"
-    yield "no frame are forgotten, the least recently used first. A frame that was removed, or"
-    yield "dropped by a reset, gives its place among the `frames` to the next new one. Memory of"
-    yield "samples that is not used any more counts until a frame needs it again. Clients that"
-    yield "map the tree of a server on their host (`--share-dir`) read without limits: they spend"
-    yield "their own time. If the host has no memory left for a shared tree, a write gets"
-    yield "`LimitExceeded` with the field `host_memory`. Each robot of a site has a share of the"
-    yield "`frames` ([federation](../how-to/federation.md#a-share-of-the-frames)), with the field"
-    yield "`max-frames`. The embedded `TransformTree` has the first five limits as"
-    yield "`max_frames`, `max_samples_per_frame`, `max_name_bytes`, `max_depth` and"
-    yield "`max_memory_bytes`. For the last two 0 means no limit there."
-    yield "What an `AsyncTransformClient` has under way is limited in the client: see"
-    yield "[asyncio](../how-to/asyncio.md#bounds). A [gate](../how-to/sensor-data.md) holds"
-    yield "`queue_size` items, 100,000 at most, of 64 frames."
 
 
 if __name__ == "__main__":
-    print("\n".join(page()))
+    print("\n".join(table()))

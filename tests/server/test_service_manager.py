@@ -135,7 +135,7 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
         replies.answering.set()
         answered = threading.Semaphore(0)
         probing = health.Health(0.01, 0.05)
-        probing.when_answered(answered.release)
+        probing.answered = answered.release
         service: Any = SimpleNamespace(name="main")
         own = SimpleNamespace(own="self")
         server: Any = SimpleNamespace(

@@ -41,11 +41,12 @@ class Health:
 
     def __init__(self, period_s: float = PERIOD_S, timeout_s: float = _TIMEOUT_S) -> None:
         """A probe every `period_s` or more rarely; each waits `timeout_s` for its reply."""
+        #: Called after each probe that was answered.
+        self.answered: Callable[[], object] = lambda: None
         self._period_s = period_s
         self._timeout_s = timeout_s
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._answered: list[Callable[[], object]] = []
         self._healthy_until_s = 0.0
         self.ready = False
         self.probe_duration_s = 0.0
@@ -54,10 +55,6 @@ class Health:
     def healthy(self) -> bool:
         """True if a worker has answered a probe that began within the last HEALTHY_FOR_S."""
         return time.monotonic() < self._healthy_until_s
-
-    def when_answered(self, callback: Callable[[], object]) -> None:
-        """Call `callback` after each probe that was answered."""
-        self._answered.append(callback)
 
     def serving(self, server: Watched) -> None:
         """The tree of `server` is claimed and served: begin to probe."""
@@ -86,8 +83,7 @@ class Health:
             if problem is None:
                 self.probe_duration_s = time.monotonic() - begun_s
                 self._healthy_until_s = begun_s + HEALTHY_FOR_S
-                for callback in self._answered:
-                    callback()
+                self.answered()
             else:
                 log.warning("the probe lookup failed: %s", problem)
             self._stop.wait(self._period_s)

@@ -87,7 +87,7 @@ class Metrics:
                 pairs, sum_s = buckets(value)
                 family.add_metric(labels, buckets=pairs, sum_value=sum_s)  # type: ignore[attr-defined]
             else:
-                family.add_metric(labels, value * metric.scale)  # type: ignore[attr-defined]
+                family.add_metric(labels, value)  # type: ignore[attr-defined]
         return families.values()
 
     def _family(self, metric: Metric) -> Family:
@@ -127,7 +127,7 @@ class Metrics:
 def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
     for key, metric in FROM_STATS.items():
         if isinstance(stats.get(key), (int, float)):
-            yield metric, metric.values, float(stats[key])
+            yield metric, (), float(stats[key])
     for key, value in stats.items():
         field, _, robot = key.partition("/")
         if robot and field in FROM_ROBOTS:

@@ -26,7 +26,7 @@ _PROBES_PER_WATCHDOG: Final = 3.0
 
 @dataclass(frozen=True)
 class MonitoringSettings:
-    metrics: str | None = None  # HOST:PORT, None: no port
+    metrics: tuple[str, int] | None = None  # host and port; None: no port
     max_authorities: int = 100
 
 
@@ -34,7 +34,7 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
     """Add the flags of `from_flags`."""
     flags.add_argument(
         "--metrics",
-        type=_address,
+        type=parse_address,
         metavar="HOST:PORT",
         help="serve /metrics, /healthz and /readyz here, as in 127.0.0.1:9464; needs "
         "zenoh-tf[metrics] (default: off)",
@@ -44,14 +44,6 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
 def from_flags(options: argparse.Namespace, limits: Limits) -> MonitoringSettings:
     """The settings that the flags say."""
     return MonitoringSettings(options.metrics, limits.metrics_authorities)
-
-
-def _address(text: str) -> str:
-    try:
-        parse_address(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-    return text
 
 
 class Monitoring:
@@ -65,7 +57,7 @@ class Monitoring:
         self._health = Health(period_s)
         # The answer to a probe proves that the service works, which a timer would not.
         if watchdog_s is not None:
-            self._health.when_answered(lambda: service_manager.notify(WATCHDOG=1))
+            self._health.answered = lambda: service_manager.notify(WATCHDOG=1)
         self._probes = watchdog_s is not None or settings.metrics is not None
         self._server: Watched | None = None
         self._metrics: Metrics | None = None

@@ -6,6 +6,7 @@ client of this port can use up the server's threads.
 
 from __future__ import annotations
 
+import argparse
 import logging
 import socket
 import socketserver
@@ -38,26 +39,26 @@ Pages = Mapping[str, Callable[[], Page]]
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT or [IPV6]:PORT. Raises ValueError."""
+    """Host and port of HOST:PORT or [IPV6]:PORT: a type for argparse."""
     host, colon, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not colon or not host or not (port.isascii() and port.isdigit() and int(port) < 65536):
-        raise ValueError(f"{quoted(text)} is not HOST:PORT, such as 127.0.0.1:9464")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not HOST:PORT, such as 127.0.0.1:9464")
     return host, int(port)
 
 
 class StatusPort:
     """Serves pages by path from construction to the process's end."""
 
-    def __init__(self, address: str, pages: Pages) -> None:
-        """Raises NetworkError if the address cannot be listened on."""
-        host, port = parse_address(address)
+    def __init__(self, address: tuple[str, int], pages: Pages) -> None:
+        """Raises NetworkError if the host and port cannot be listened on."""
+        host, port = address
         try:
             family, *_, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
             self._http = _HttpServer(where[:2], family, pages)
         except OSError as error:
             raise NetworkError(
-                f"cannot serve metrics on {address}: {error.strerror or error}"
+                f"cannot serve metrics on {host}:{port}: {error.strerror or error}"
             ) from error
         threads.start("status", self._http.serve_forever)
 
