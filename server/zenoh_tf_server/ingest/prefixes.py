@@ -60,11 +60,6 @@ class Prefixes:
         self._shared = frozenset(name.strip("/") for name in shared)
         self._rules = sorted(rules, key=lambda rule: (rule.value is None, KINDS.index(rule.kind)))
 
-    @property
-    def by_session(self) -> bool:
-        """True if a rule needs to know the publisher's session."""
-        return any(rule.kind == "session" for rule in self._rules)
-
     def prefix(self, topic: Topic, zid: str | None) -> str:
         """The prefix of a publisher's frames; "" for none.
 

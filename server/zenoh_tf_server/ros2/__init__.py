@@ -41,14 +41,11 @@ def start(
         service.on_commit = outgoing.committed
         service.add_counters(outgoing.counters)
     if settings.receive:
-        publishers = Publishers()
         statics = Statics(
-            links,
-            settings.static_grace_s,
-            lambda puts: ingest.add(puts, wait=False),
+            session, links, settings.static_grace_s, lambda puts: ingest.add(puts, wait=False)
         )
-        statics.attach(session)  # a bridge that is there already is found, and asked, at once
-        publishers.follow(statics.publisher_found, statics.publisher_gone)
+        histories = statics.histories
+        publishers = Publishers(histories.publisher_found, histories.publisher_gone)
         prefixes = Prefixes(settings.rules, settings.shared)
         incoming = Incoming(ingest, limits, publishers, prefixes, statics)
         stack.callback(publishers.close)

@@ -89,11 +89,16 @@ class Histories:
 
     def __init__(
         self,
+        session: zenoh.Session,
         appeared: Callable[[str, str], None],
         vanished: Callable[[str, str], None],
     ) -> None:
-        """`appeared` and `vanished` get the data's key and the Zenoh id of publishers of whom the
+        """Bridges can be asked at once; what they reply waits for `start`.
+
+        `appeared` and `vanished` get the data's key and the Zenoh id of publishers of whom the
         first token has come, or that are gone and would send again what they keep."""
+        self._session = session
+        self._own_zid = str(session.info.zid())
         self._appeared = appeared
         self._vanished = vanished
         self._changed = threading.Condition()
@@ -104,32 +109,26 @@ class Histories:
         self._replies: deque[tuple[zenoh.Sample, str]] = deque()  # and the publisher's id
         self._reply_bytes = 0
         self._closing = False
-        self._failures = 0
+        #: How often a publisher has not answered.
+        self.failures = 0
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread: threading.Thread | None = None
-
-    def attach(self, session: zenoh.Session) -> None:
-        """Set the session, so that bridges can be asked; their replies wait for `start`."""
-        self._session = session
 
     def start(
         self,
         receive: Callable[[Received], None],
         report: Callable[[str, ProtocolError], None],
     ) -> None:
-        """Begin, after `attach`. `receive` gets messages, `report` what is malformed."""
-        session = self._session
-        self._own_zid = str(session.info.zid())
+        """Begin. `receive` gets messages, `report` what is malformed."""
         self._receive = receive
         self._reception = Reception(TF_MESSAGE, report)
         self._thread = threads.start("ros2-histories", self._run)
         for data in (keys.rmw_data(TOPIC, TF_MESSAGE), keys.bridge_data(TOPIC)):
-            self._subscribers.append(
-                session.liveliness().declare_subscriber(
-                    keys.histories(data), self._token_changed, history=True
-                )
+            subscriber = self._session.liveliness().declare_subscriber(
+                keys.histories(data), self._token_changed, history=True
             )
+            self._subscribers.append(subscriber)
 
     def close(self) -> None:
         """End."""
@@ -139,11 +138,6 @@ class Histories:
             self._closing = True
             self._changed.notify_all()
         threads.join(self._thread)
-
-    @property
-    def failures(self) -> int:
-        """How often a publisher has not answered."""
-        return self._failures
 
     @property
     def silent(self) -> int:
@@ -279,7 +273,7 @@ class Histories:
             keeper.failed = question.failed
             keeper.answered |= question.answered
             if question.failed:
-                self._failures += 1
+                self.failures += 1
                 self._ask_later(keeper, keeper.retry_s)
                 keeper.retry_s = min(2 * keeper.retry_s, _LONGEST_RETRY_S)
             elif question.is_check or keeper.answered:

@@ -78,7 +78,12 @@ def is_echo(authority: str) -> bool:
 class Publishers:
     """Follows the tokens of all publishers of transforms."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self, found: Callable[[Publisher], None], gone: Callable[[Publisher], None]
+    ) -> None:
+        """`found` and `gone` get each publisher that appears or goes."""
+        self._found = found
+        self._gone = gone
         self._lock = threading.Condition()
         self._patience_s = _PATIENCE_S
         self._waited_s = time.monotonic()
@@ -86,8 +91,6 @@ class Publishers:
         self._by_gid: dict[bytes, Publisher] = {}
         self._sources = BoundedMap[tuple[str, bytes | None, str | None], Source](_MAX_SOURCES)
         self._subscribers: list[zenoh.Subscriber[Any]] = []
-        self._found: list[Callable[[Publisher], None]] = []
-        self._gone: list[Callable[[Publisher], None]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
 
     def start(self, session: zenoh.Session) -> None:
@@ -106,11 +109,6 @@ class Publishers:
         """Follow no more."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
-
-    def follow(self, found: Callable[[Publisher], None], gone: Callable[[Publisher], None]) -> None:
-        """Call functions with each publisher that appears or goes from now on."""
-        self._found.append(found)
-        self._gone.append(gone)
 
     def __len__(self) -> int:
         return len(self._by_token)
@@ -133,10 +131,11 @@ class Publishers:
         gid = None if publisher.topic.is_bridged else attachment.gid_of(publisher.token)
         with self._lock:
             if sample.kind == zenoh.SampleKind.DELETE:
-                known = self._by_token.pop(token, None)
                 if gid is not None:
                     self._by_gid.pop(gid, None)
-                calls = self._gone if known is not None else []
+                if self._by_token.pop(token, None) is None:
+                    return
+                report = self._gone
             elif token in self._by_token:
                 return
             elif len(self._by_token) >= MAX_PUBLISHERS:
@@ -151,9 +150,8 @@ class Publishers:
                 if gid is not None:
                     self._by_gid[gid] = publisher
                     self._lock.notify_all()
-                calls = self._found
-        for call in calls:
-            call(publisher)
+                report = self._found
+        report(publisher)
 
     # --- sources
 

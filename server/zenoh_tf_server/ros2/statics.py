@@ -23,7 +23,6 @@ import zenoh
 
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
-from zenoh_tf.ros2.keys import Publisher as Peer
 from zenoh_tf.ros2.topics import Received
 from zenoh_tf.threads import Periodic
 
@@ -80,6 +79,7 @@ class Statics:
 
     def __init__(
         self,
+        session: zenoh.Session,
         links: StaticLinks,
         grace_s: float,
         add: Callable[[list[Put]], None],
@@ -88,7 +88,8 @@ class Statics:
         self._tree_links = links
         self._grace_s = grace_s
         self._add = add
-        self._histories = Histories(self._appeared, self._vanished)
+        #: Asks for what was sent before, now and whenever a publisher appears.
+        self.histories = Histories(session, self._appeared, self._vanished)
         self._lock = threading.Lock()
         self._publishers: dict[_Identity, _Publisher] = {}
         self._owners: dict[str, _Identity] = {}  # of each child: the publisher that sent it last
@@ -97,40 +98,28 @@ class Statics:
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread = Periodic("ros2-statics", self._forget_gone, _PERIOD_S)
 
-    def attach(self, session: zenoh.Session) -> None:
-        """Set the session; before publishers can be found."""
-        self._histories.attach(session)
-
     def start(
         self,
         receive: Callable[[Received], None],
         report: Callable[[str, ProtocolError], None],
     ) -> None:
-        """Ask for what was sent before, now and whenever a publisher appears."""
-        self._histories.start(receive, report)
+        """Begin; see `Histories.start`."""
+        self.histories.start(receive, report)
         if self._grace_s:
             self._thread.start()
 
     def close(self) -> None:
         """End."""
-        self._histories.close()
+        self.histories.close()
         self._thread.close()
-
-    def publisher_found(self, publisher: Peer) -> None:
-        """Follow a publisher of transforms, if it declares to keep them."""
-        self._histories.publisher_found(publisher)
-
-    def publisher_gone(self, publisher: Peer) -> None:
-        """Follow it no more."""
-        self._histories.publisher_gone(publisher)
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
         return {
             "ros2_static_links": self._links,
             "ros2_statics_dropped": self._dropped,
-            "ros2_unanswered": self._histories.failures,
-            "ros2_silent": self._histories.silent,
+            "ros2_unanswered": self.histories.failures,
+            "ros2_silent": self.histories.silent,
         }
 
     def record(
@@ -146,7 +135,7 @@ class Statics:
                 other publishers have sent.
         """
         if live:
-            self._histories.has_sent(source.identity)
+            self.histories.has_sent(source.identity)
         names = rows.names
         columns = (rows.parent, rows.child, rows.stamp, rows.pose)
         with self._lock:
