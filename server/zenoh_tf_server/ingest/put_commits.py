@@ -12,7 +12,7 @@ import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from zenoh_tf import wire
@@ -43,9 +43,6 @@ class PutCounters:
     dropped_by_queue: int = 0  # messages
     dropped_as_stale: int = 0  # those of them that had waited for too long
     flagged_as_future: int = 0  # transforms stored although they are beyond --max-future-s
-
-    def as_dict(self) -> dict[str, int]:
-        return asdict(self)
 
 
 class PutCommits:

@@ -11,6 +11,7 @@ import asyncio
 import time
 import weakref
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from itertools import groupby
 from operator import attrgetter
@@ -37,7 +38,6 @@ from .guard import RequestGuard
 from .handler import Handler, ReplyCallback, ReplyWithField, typed_error
 from .info import InfoRequests
 from .reads import Reads
-from .reply_cache import ReplyCache
 from .waiters import Waiters
 from .writes import Writes
 
@@ -71,8 +71,7 @@ class Service(Handler):
         counters = _counters_of(self)
         self._info_requests = InfoRequests(tree, limits, self.refusals, self._clocks, counters)
         self._future = future or FutureStamps()
-        self._reply_cache = ReplyCache(limits)
-        self._writes = Writes(instance, self._reply_cache)
+        self._writes = Writes(instance, limits)
         #: Number of the tree's last commit, for the replies to writes.
         self.last_seq: Callable[[], int] | None = None
         #: Called with each commit that the tree has applied, and what became of its rows.
@@ -344,7 +343,7 @@ class Service(Handler):
         return self.info_requests.reply(message, budget)
 
     def _counters(self) -> dict[str, int]:
-        counters = {"outcomes": len(self._reply_cache), **self.puts.as_dict()}
+        counters = {"outcomes": len(self._writes), **asdict(self.puts)}
         return counters | self._links.counters() | self._added_counters()
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:

@@ -1,32 +1,81 @@
 """Writes that run at most once, before their expiry, and only on the instance they are meant for.
 
+A write that is sent again gets the first outcome.
+
 Thread safety: all methods.
+Invariant: an outcome is kept until the write's expiry, after which a repeat is refused as expired,
+so no write ever runs twice. The clock is read under the lock that guards the outcomes, so nothing
+can come between the two. If a client's share is used up, its new writes are refused; an
+unexpired outcome is never forgotten.
 """
 
 from __future__ import annotations
 
+import heapq
+import threading
+import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
 
 from zenoh_tf import wire
-from zenoh_tf.errors import ServerRestarted
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    LimitExceeded,
+    ServerBusy,
+    ServerRestarted,
+    TimeoutException,
+)
 from zenoh_tf.text import quoted
 
+from ..fair_share import FairShare
+from ..limits import Limits
 from .handler import ReplyCallback
-from .reply_cache import ReplyCache
+
+#: What an outcome costs beside its bytes.
+_OVERHEAD_BYTES: Final = 64
+#: Repeats that may wait for one running write.
+_MAX_REPEATS: Final = 64
+_RETRY_AFTER_S: Final = 0.1
+_NS: Final = 1_000_000_000
+#: Most time until a write's expiry.
+_MAX_EXPIRY_S: Final = 600
 
 #: Runs a write that expires at the given time of the server's clock. Returns the bytes of its reply
 #: and what to remember of it: all or a part.
 Run = Callable[[int], tuple[bytes, bytes]]
 #: Makes the reply to a repeat from what is remembered.
 Repeat = Callable[[bytes], bytes]
+#: Called with the outcome of a write that was repeated; True: it is an error.
+OnRepeat = Callable[[bytes, bool], None]
+
+
+@dataclass(slots=True)
+class _Entry:
+    client: str
+    what: str  # the write is
+    until_ns: int
+    size: int  # that count against the limit: first those reserved, then those of the outcome
+    outcome: bytes | None = None  # None while the write runs
+    failed: bool = False
+    waiting: list[OnRepeat] = field(default_factory=list)  # repeats of a running write
 
 
 class Writes:
-    """Decides which writes run; see the module."""
+    """Decides which writes run, and remembers their outcomes; see the module."""
 
-    def __init__(self, instance: str, cache: ReplyCache) -> None:
+    def __init__(self, instance: str, limits: Limits) -> None:
         self._instance = instance
-        self._cache = cache
+        self._limits = limits
+        self._lock = threading.Lock()
+        self._entries: dict[bytes, _Entry] = {}
+        self._finished: list[tuple[int, bytes]] = []  # a heap of expiries; running writes are not
+        self._count = FairShare(limits, "outcomes")
+        self._bytes = FairShare(limits, "outcome_bytes")
+
+    def __len__(self) -> int:
+        """How many outcomes are remembered."""
+        return len(self._entries)
 
     def run(
         self,
@@ -39,15 +88,16 @@ class Writes:
         reserve: int = 0,
     ) -> None:
         """Run a write and reply, or reply with its outcome if this is a repeat.
-        `error_reply` makes the reply of a write that fails. `what`: the kind of write.
-        `reserve`: bytes that its outcome may have, where that is much.
+        `error_reply` makes the reply of a write that fails. `what`: the kind of write; a repeat is
+        of the same kind, or its sender reuses an id. `reserve`: bytes that its outcome may have,
+        where that is much.
 
         Raises:
             ServerRestarted: It is meant for another instance.
             TimeoutException: Its expiry has passed.
             LimitExceeded: Its expiry is too far ahead.
             InvalidArgumentException: Its id is that of a write of another kind.
-            ServerBusy: Too much is remembered for its client.
+            ServerBusy: Too much is remembered for its client, or too many repeats wait for it.
         """
         write = wire.parse_write(message)
         if write.instance is not None and write.instance != self._instance:
@@ -58,7 +108,7 @@ class Writes:
                 value=other,
             )
         if write.id is None:
-            reply_to(run(self._cache.expiry(write.expires_ns))[0], False)
+            reply_to(run(self._expiry(write.expires_ns, time.monotonic_ns()))[0], False)
             return
 
         def on_repeat(outcome: bytes, failed: bool) -> None:
@@ -68,9 +118,7 @@ class Writes:
                 reply, failed = error_reply(error), True
             reply_to(reply, failed)
 
-        expires_ns = self._cache.begin(
-            write.id, reply_to.client, what, write.expires_ns, reserve, on_repeat
-        )
+        expires_ns = self._begin(write, write.id, reply_to.client, what, reserve, on_repeat)
         if expires_ns is None:
             return
         failed = False
@@ -79,5 +127,92 @@ class Writes:
         except Exception as error:
             reply = outcome = error_reply(error)
             failed = True
-        self._cache.finish(write.id, outcome, failed)
+        self._finish(write.id, outcome, failed)
         reply_to(reply, failed)
+
+    def _begin(
+        self,
+        write: wire.Write,
+        request_id: bytes,
+        client: str,
+        what: str,
+        reserve: int,
+        on_repeat: OnRepeat,
+    ) -> int | None:
+        """Return the write's expiry: the caller must run it before then, and call `_finish`. None:
+        this is a repeat, and `on_repeat` gets the first outcome, now or when the write ends."""
+        with self._lock:
+            entry = self._entries.get(request_id)
+            if entry is None:
+                now_ns = time.monotonic_ns()
+                until_ns = self._expiry(write.expires_ns, now_ns)
+                size = _OVERHEAD_BYTES + reserve
+                self._take_share(client, size, now_ns)
+                self._entries[request_id] = _Entry(client, what, until_ns, size)
+                return until_ns
+            if entry.what != what:
+                raise InvalidArgumentException(
+                    f"the id is that of another write, {entry.what}: this one, {what}, did not run",
+                    field="id",
+                )
+            if entry.outcome is None:
+                if len(entry.waiting) >= _MAX_REPEATS:
+                    raise ServerBusy(
+                        "the write runs, and too many repeats of it wait for its outcome",
+                        retry_after_s=_RETRY_AFTER_S,
+                    )
+                entry.waiting.append(on_repeat)
+                return None
+        on_repeat(entry.outcome, entry.failed)
+        return None
+
+    def _finish(self, request_id: bytes, outcome: bytes, failed: bool) -> None:
+        """Remember the outcome of a write, and hand it to the repeats that came while it ran."""
+        with self._lock:
+            entry = self._entries[request_id]
+            entry.outcome, entry.failed = outcome, failed
+            waiting, entry.waiting = entry.waiting, []
+            size = _OVERHEAD_BYTES + len(outcome)
+            self._bytes.take(entry.client, size - entry.size)
+            entry.size = size
+            heapq.heappush(self._finished, (entry.until_ns, request_id))
+        for on_repeat in waiting:
+            on_repeat(outcome, failed)
+
+    def _expiry(self, expires_ns: int | None, now_ns: int) -> int:
+        """Return the time by which a write must have run, from the one that its message names."""
+        if expires_ns is None:
+            return now_ns + self._limits.default_expiry_s * _NS
+        if expires_ns < now_ns:
+            late_ms = (now_ns - expires_ns) / 1e6
+            raise TimeoutException(
+                f"the write's turn came {late_ms:.1f} ms after its expiry, and it did not run: "
+                "send it again, with a longer timeout_s",
+                field="expires_ns",
+                value=expires_ns,
+            )
+        if expires_ns > now_ns + _MAX_EXPIRY_S * _NS:
+            ahead_s = (expires_ns - now_ns) // _NS
+            raise LimitExceeded(
+                f"{ahead_s} seconds until the write's expiry: the limit is {_MAX_EXPIRY_S}",
+                field="expiry_s",
+                limit=_MAX_EXPIRY_S,
+                value=ahead_s,
+            )
+        return expires_ns
+
+    def _take_share(self, client: str, size: int, now_ns: int) -> None:
+        """Forget what has expired, and count one more outcome of a client. Requires the lock."""
+        while self._finished and self._finished[0][0] < now_ns:
+            _, expired = heapq.heappop(self._finished)
+            entry = self._entries.pop(expired)
+            self._count.give_back(entry.client, 1)
+            self._bytes.give_back(entry.client, entry.size)
+        retry_after_s = _RETRY_AFTER_S  # when the next outcome is forgotten
+        if self._finished:
+            retry_after_s = max(retry_after_s, (self._finished[0][0] - now_ns) / _NS)
+        if not self._count.admit(client, 1):
+            raise self._count.refusal(client, 1, retry_after_s)
+        if not self._bytes.admit(client, size):
+            self._count.give_back(client, 1)
+            raise self._bytes.refusal(client, size, retry_after_s)
