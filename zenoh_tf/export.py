@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.text import printable
-from zenoh_tf.text.times import CLOCK_RANGE_S
+from zenoh_tf.text.times import CLOCK_RANGE_S, milliseconds
 
 __all__ = ["dot", "mermaid", "printable", "text"]
 
@@ -192,8 +192,8 @@ def _cells(link: FrameInfo, now_ns: int) -> tuple[str, ...]:
     return (
         "" if link.rate_hz is None else f"{link.rate_hz:.1f}",
         "" if delay_s is None else f"{delay_s:.3f}",
-        _seconds(link.newest_stamp_ns),
-        _seconds(link.newest_stamp_ns - link.oldest_stamp_ns),
+        milliseconds(link.newest_stamp_ns),
+        milliseconds(link.newest_stamp_ns - link.oldest_stamp_ns),
         *tail,
     )
 
@@ -229,11 +229,6 @@ def _counted(link: FrameInfo) -> list[str]:
 def _delay_s(link: FrameInfo, now_ns: int) -> float | None:
     delay_s = link.delay_s(now_ns)
     return None if delay_s is None or abs(delay_s) > CLOCK_RANGE_S else delay_s
-
-
-def _seconds(time_ns: int) -> str:
-    # Truncate to milliseconds first: a double cannot represent nanoseconds since 1970.
-    return f"{time_ns // 10**6 / 1e3:.3f}"
 
 
 def _now_ns(now_ns: int | None) -> int:

@@ -117,30 +117,26 @@ class GateQueue(Generic[T]):
         self._queue_size = queue_size
         self._timeout_s = timeout_s
         self._frames: dict[str, dict[int, Held[T]]] = {}  # by frame, then by number
-        self._held = 0
+        #: How many items wait.
+        self.held = 0
         self._numbers = itertools.count()
         self._looking: Counter[str] = Counter()  # rounds that look up, and will see new items
         self._waits: dict[str, list[int]] = {}  # the stamps that are waited for
         self._errors: dict[str, TransformException] = {}  # the last of each frame that waits
-
-    @property
-    def held(self) -> int:
-        """How many items wait."""
-        return self._held
 
     def put(self, item: T, frame: str, stamp_ns: int, now_s: float) -> bool:
         """Hold an item. True: the caller has to begin a round for its frame, or `not_begun`."""
         held = Held(item, frame, stamp_ns, now_s + self._timeout_s, next(self._numbers))
         if self.closed:
             self._report(held, "closed")
-        elif self._held + len(self.ready) >= self._queue_size or (
+        elif self.held + len(self.ready) >= self._queue_size or (
             frame not in self._frames and len(self._frames) >= MAX_FRAMES
         ):
             # The new one: the oldest is the next to succeed.
             self._report(held, "full")
         else:
             self._frames.setdefault(frame, {})[held.number] = held
-            self._held += 1
+            self.held += 1
             waits = self._waits.get(frame, ())
             covered = len(waits) >= _MAX_WAITS or any(stamp <= stamp_ns for stamp in waits)
             if not covered and not self._looking[frame]:
@@ -245,7 +241,7 @@ class GateQueue(Generic[T]):
         items = self._frames.get(held.frame, {})
         if items.pop(held.number, None) is None:
             return False
-        self._held -= 1
+        self.held -= 1
         if not items:
             del self._frames[held.frame]
             self._errors.pop(held.frame, None)

@@ -64,14 +64,7 @@ class Velocity:
 
 
 def interval_ns(averaging_interval_s: float) -> int:
-    """Return an averaging interval in nanoseconds.
-
-    Args:
-        averaging_interval_s: Seconds, from 1e-9 to 1e9.
-
-    Raises:
-        InvalidArgumentException: The interval is out of that range.
-    """
+    """Return an averaging interval in nanoseconds. Raises InvalidArgumentException."""
     if not 1e-9 <= averaging_interval_s <= 1e9:
         raise must_be("averaging_interval_s", "from 1e-9 to 1e9 seconds", averaging_interval_s)
     return round(averaging_interval_s * 1e9)

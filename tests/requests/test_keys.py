@@ -66,7 +66,6 @@ def test_keys_are_as_documented() -> None:
     assert keys.request("main", "lookup") == "tf/v1/main/lookup"
     assert keys.put("main", "lidar/front", static=False) == "tf/v1/main/set/lidar%2Ffront"
     assert keys.put("main", "urdf", static=True) == "tf/v1/main/static/urdf"
-    assert keys.puts("main", static=True) == "tf/v1/main/static/*"
     assert keys.server("main", "0af3") == "tf/v1/main/server/0af3"
     assert keys.servers("@") == "tf/v1/%40/server/*"
     assert keys.all_servers() == "tf/v1/*/server/*"

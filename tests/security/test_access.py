@@ -310,7 +310,7 @@ def test_only_listeners_hear_puts(secured: Secured) -> None:
         secured.raw("wheels") as wheels,
     ):
         for name, session in (("listener", listener), ("reader", reader), ("wheels", wheels)):
-            both = [keys.puts("main", static=static) for static in (False, True)]
+            both = ["tf/v1/main/set/*", "tf/v1/main/static/*"]
             for key in (*both, f"{keys.prefix('main')}/**", "**"):
                 session.declare_subscriber(key, listener_of(name))
         sent = {keys.put("main", "wheels", static=static) for static in (False, True)}

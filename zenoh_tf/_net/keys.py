@@ -154,11 +154,6 @@ def put(tree: str, authority: str, *, static: bool) -> str:
     return f"{PREFIX}/{escape(tree, 'tree')}/{kind}/{escape(authority, 'authority')}"
 
 
-def puts(tree: str, *, static: bool) -> str:
-    """The key expression of every authority's puts."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/{'static' if static else 'set'}/*"
-
-
 def all_puts(tree: str) -> str:
     """A key expression of all puts of a tree, static and not, and of other keys (`put_kind`)."""
     return f"{PREFIX}/{escape(tree, 'tree')}/*/*"

@@ -28,22 +28,14 @@ Path = list[FrameInfo]
 
 
 def silence_limit_s(frame: FrameInfo) -> float | None:
-    """Return for how long no sample of a link may come until it has stopped; None without a rate.
-
-    Args:
-        frame: The link's child.
-    """
+    """Return for how long no sample of a frame's link may come until it has stopped; None without
+    a rate."""
     rate_hz = frame.rate_hz
     return None if rate_hz is None else max(_STOPPED_S, _STOPPED_PERIODS / rate_hz)
 
 
 def is_stopped(frame: FrameInfo, now_ns: int) -> bool:
-    """Return whether a link's samples have ceased to come, by their stamps.
-
-    Args:
-        frame: The link's child.
-        now_ns: The time to compare with, nanoseconds.
-    """
+    """Return whether the samples of a frame's link have ceased to come, by their stamps."""
     limit_s = silence_limit_s(frame)
     if limit_s is None or frame.newest_stamp_ns is None:
         return False
@@ -51,13 +43,8 @@ def is_stopped(frame: FrameInfo, now_ns: int) -> bool:
 
 
 def is_connected(target: str, source: str, frames: Collection[FrameInfo]) -> bool:
-    """Return whether a chain joins two frames, which are unknown if they have no record.
-
-    Args:
-        target: One frame.
-        source: The other frame.
-        frames: The frames from both up to their roots.
-    """
+    """Return whether a chain joins two frames, which are unknown if they have no record. `frames`:
+    those from both up to their roots."""
     from_target, from_source = _path(target, frames), _path(source, frames)
     return bool(from_target) and bool(from_source) and from_target[-1].name == from_source[-1].name
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from zenoh_tf.text import printable
-from zenoh_tf.text.times import age, seconds
+from zenoh_tf.text.times import age, milliseconds, seconds
 
 __all__ = ["Explanation", "LinkReport"]
 
@@ -143,14 +143,9 @@ class Explanation:
             name,
             "-" if link.rate_hz is None else f"{link.rate_hz:.1f}",
             f"{link.age_s:.3f}",
-            _milliseconds(link.oldest_stamp_ns),
-            _milliseconds(link.newest_stamp_ns),
+            milliseconds(link.oldest_stamp_ns),
+            milliseconds(link.newest_stamp_ns),
             str(link.samples),
             printable(link.authority),
             f"<- {', '.join(notes)}" if notes else "",
         )
-
-
-def _milliseconds(stamp_ns: int) -> str:
-    # Truncate to milliseconds first: a double cannot represent nanoseconds since 1970.
-    return f"{stamp_ns // 10**6 / 1e3:.3f}"

@@ -157,14 +157,8 @@ def restart(link: LinkReport) -> str:
 def moves(
     frames: Iterable[FrameInfo], reference: int, by_clock: bool, *, recent: bool
 ) -> list[str]:
-    """Return which of the frames have changed their parent.
-
-    Args:
-        frames: Frames of a chain.
-        reference: The time that ages are counted from, nanoseconds.
-        by_clock: Whether that is the clock's.
-        recent: Only those that have done so lately.
-    """
+    """Return which frames of a chain have changed their parent, or with `recent` have done so
+    lately. Ages are counted from `reference` ns, which may be the clock's time."""
     found = []
     for frame in frames:
         change = frame.last_change

@@ -95,8 +95,10 @@ class Mirroring:
         self._requests: dict[int, Piece | None] = {}  # under way; None: the plan, or missed ones
         self._number = 0
         self._wants_plan, self._wants_missed = True, False
-        self._snapshots = 0
-        self._contradictions = 0
+        #: How many were begun.
+        self.snapshots = 0
+        #: How often a message could not be of the server, and the copy was given up.
+        self.contradictions = 0
         self._asked_for = 0  # the last number when missed messages were requested
 
     # --- what the owner reads
@@ -127,11 +129,6 @@ class Mirroring:
         return self._copy.instance if self._copy else ""
 
     @property
-    def contradictions(self) -> int:
-        """How often a message could not be of the server, and the copy was given up."""
-        return self._contradictions
-
-    @property
     def clock_ns(self) -> int:
         """The server's clock when `tree` was as it is: what the age is counted from."""
         return self._live.clock_ns if self._live else 0
@@ -140,11 +137,6 @@ class Mirroring:
     def synced(self) -> bool:
         """True if nothing is known to be missing in `tree`."""
         return bool(self._live) and not (self._next or self._wants_plan or self._waiting)
-
-    @property
-    def snapshots(self) -> int:
-        """How many were begun."""
-        return self._snapshots
 
     # --- what the owner feeds in
 
@@ -238,7 +230,7 @@ class Mirroring:
 
     def contradicted(self) -> None:
         """Restart because the copy has, or was sent, what the server has not sent."""
-        self._contradictions += 1
+        self.contradictions += 1
         self.restart()
 
     def link_changed(self) -> None:
@@ -273,7 +265,7 @@ class Mirroring:
         else:
             tree, replay = TransformTree(max_frames=2), None  # the least
         self._next = Copy(instance, plan, tree, self._observer, replay)
-        self._snapshots += 1
+        self.snapshots += 1
         self._wants_plan = False
         kept = [(m, size) for m, size in self._waiting if m.instance == instance]
         self._waiting = deque(kept)
@@ -284,7 +276,7 @@ class Mirroring:
         copy = self._copy
         assert copy is not None
         if self._asked_for > last:
-            self._contradictions += 1
+            self.contradictions += 1
             raise ServerRestarted("a later message has come than the server has sent")
         if not messages:
             raise ServerRestarted("the missed messages are forgotten")

@@ -38,12 +38,8 @@ _IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 def decoder(message_type: str, encoding: str) -> Decode | None:
-    """The decoder for a type of message in an encoding; None if it has no transforms.
-
-    Args:
-        message_type: The name of the type, or of the schema.
-        encoding: "cdr", "ros1", "protobuf" or "json".
-    """
+    """The decoder for a type or schema of messages in an encoding, which is "cdr", "ros1",
+    "protobuf" or "json"; None if it has no transforms."""
     kinds: dict[str, Decode] = {}
     if message_type in _TF_MESSAGES:
         kinds = {"cdr": _cdr, "ros1": _each(_ros1)}

@@ -19,9 +19,6 @@ def printable(text: str) -> str:
 
     Escaped are the control characters (C0, DEL, C1), the line and paragraph separators, all
     format characters (among them the bidirectional controls) and lone surrogates.
-
-    Args:
-        text: A name, or a whole line.
     """
     if text.isprintable():
         return text
@@ -33,11 +30,7 @@ def printable(text: str) -> str:
 def cut(text: str, limit: int) -> str:
     """Return `text` if it has at most `limit` characters, else its beginning and its length.
 
-    The result has at most `limit` characters, so a text that was cut is not cut again.
-
-    Args:
-        text: Any text.
-        limit: At least 40.
+    The result has at most `limit` characters, 40 or more, so it is not cut again.
     """
     if len(text) <= limit:
         return text
@@ -46,12 +39,8 @@ def cut(text: str, limit: int) -> str:
 
 
 def quoted(value: object, limit: int = QUOTED_CHARS) -> str:
-    """Return a name or value as a message shows it: in quotes, escaped and cut.
-
-    Args:
-        value: A text, or a value of a received message, of any type and size.
-        limit: Characters of a text that are shown.
-    """
+    """Return a name, or a received value of any type and size, as a message shows it: in quotes,
+    escaped and cut."""
     if not isinstance(value, str):
         return _SHORT.repr(value)
     if len(value) <= limit:

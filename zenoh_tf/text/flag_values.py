@@ -83,13 +83,8 @@ def recorded_time(text: str) -> RecordedTime:
 def duration(
     low_s: float = 0.0, high_s: float = MAX_DURATION_S, *, above: bool = False
 ) -> Callable[[str], float]:
-    """A type for a length of time with its unit, in seconds; 0 needs no unit.
-
-    Args:
-        low_s: The least one.
-        high_s: The greatest one.
-        above: Refuse `low_s` itself.
-    """
+    """A type for a length of time with its unit, in seconds, from `low_s` or `above` it; 0 needs no
+    unit."""
 
     def parse(text: str) -> float:
         match = _LENGTH.fullmatch(text.removeprefix("-"))
@@ -106,13 +101,7 @@ def duration(
 def number(
     low: float = -math.inf, high: float = math.inf, *, above: bool = False
 ) -> Callable[[str], float]:
-    """A type for a number; the flag's name or its help says the unit.
-
-    Args:
-        low: The least one.
-        high: The greatest one.
-        above: Refuse `low` itself.
-    """
+    """A type for a number from `low`, or `above` it; the flag's name or its help says the unit."""
 
     def parse(text: str) -> float:
         if not re.fullmatch(rf"[+-]?{_NUMBER}", text, re.ASCII):
@@ -135,12 +124,8 @@ def length(text: str) -> float:
 
 
 def angle(*, bare: bool = False, low: float = -math.inf) -> Callable[[str], float]:
-    """A type for an angle with its unit, in radians; 0 needs no unit.
-
-    Args:
-        bare: A number alone is in radians, as other programs write it.
-        low: The least angle, in radians.
-    """
+    """A type for an angle with its unit, in radians, from `low`; 0 needs no unit. `bare`: a number
+    alone is in radians, as other programs write it."""
 
     def parse(text: str) -> float:
         match = _ANGLE.fullmatch(text.strip())
@@ -192,13 +177,8 @@ def frames(text: str) -> tuple[str, ...]:
 
 
 def _time(text: str, bare: str, forms: str) -> tuple[str, int]:
-    """The sign that a time begins with, and its nanoseconds with this sign.
-
-    Args:
-        text: The time.
-        bare: What it may mean without a sign and a unit, for the error.
-        forms: What a time is, for the error.
-    """
+    """The sign that a time begins with, and its nanoseconds with this sign. For errors: what it may
+    mean without a sign and a unit (`bare`), and what a time is (`forms`)."""
     sign = text[0] if text[:1] in ("+", "-") else ""
     match = _LENGTH.fullmatch(text.removeprefix(sign))
     if match is None:

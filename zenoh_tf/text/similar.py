@@ -14,24 +14,15 @@ _MAX_COMPARED = 20_000
 
 
 def spelling(name: str) -> str:
-    """Return a name without what people confuse: case and slashes.
-
-    Args:
-        name: The name of a frame.
-    """
+    """Return a name without what people confuse: case and slashes."""
     return name.replace("/", "").casefold()
 
 
 def similar(name: str, names: Collection[str], most: int = 3) -> list[str]:
-    """Return the names that are most like a given one, the most similar first.
+    """Return at most `most` names that are most like one that does not exist, best first.
 
     First come names that differ in case or slashes, then those that differ by a prefix, as
     ``robot1/base_link`` does from ``base_link``, then those that differ by some letters.
-
-    Args:
-        name: The name that does not exist.
-        names: The names that exist.
-        most: How many to return at most.
     """
     found: dict[str, None] = {}  # a set that keeps the order
     wanted, last = spelling(name), _last_part(name)
@@ -52,10 +43,8 @@ def similar(name: str, names: Collection[str], most: int = 3) -> list[str]:
 def did_you_mean(unknown: str | Sequence[str], names: Collection[str]) -> str | None:
     """Return a question such as ``did you mean 'base_link'?``; None if no name is like it.
 
-    Args:
-        unknown: The name that does not exist, or several. Of several, the question says which it
-            is about: ``did you mean 'base_link' instead of 'base', and 'laser' instead of 'lase'?``
-        names: The names that exist.
+    Of several unknown names, the question says which it is about:
+    ``did you mean 'base_link' instead of 'base', and 'laser' instead of 'lase'?``
     """
     several = [unknown] if isinstance(unknown, str) else unknown
     parts = []

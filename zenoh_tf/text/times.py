@@ -5,29 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-__all__ = ["CLOCK_RANGE_S", "age", "reference_ns", "seconds"]
+__all__ = ["CLOCK_RANGE_S", "age", "milliseconds", "reference_ns", "seconds"]
 
 #: A stamp farther than this from the clock counts as of another clock.
 CLOCK_RANGE_S: Final = 24 * 3600
 
 
 def seconds(stamp_ns: int) -> str:
-    """Return a stamp in seconds with all nine digits.
-
-    Args:
-        stamp_ns: Nanoseconds.
-    """
+    """Return a stamp in seconds with all nine digits."""
     sign = "-" if stamp_ns < 0 else ""
     whole, rest = divmod(abs(stamp_ns), 10**9)
     return f"{sign}{whole}.{rest:09d}"
 
 
-def age(length_ns: int) -> str:
-    """Return a length of time in short form: ``850 us``, ``12 ms``, ``3.4 s``, ``5 min``.
+def milliseconds(stamp_ns: int) -> str:
+    """Return a stamp in seconds with three digits, cut off."""
+    # As integers first: a double cannot represent nanoseconds since 1970.
+    return f"{stamp_ns // 10**6 / 1e3:.3f}"
 
-    Args:
-        length_ns: Nanoseconds.
-    """
+
+def age(length_ns: int) -> str:
+    """Return a length of time in short form: ``850 us``, ``12 ms``, ``3.4 s``, ``5 min``."""
     sign, value = ("-" if length_ns < 0 else ""), abs(length_ns)
     if value < 1_000_000:
         return f"{sign}{value // 1000} us"
@@ -41,14 +39,10 @@ def age(length_ns: int) -> str:
 
 
 def reference_ns(stamps_ns: Iterable[int], now_ns: int) -> tuple[int, bool]:
-    """Return the time that ages are counted from, and whether that is the clock's.
+    """Return the time that ages are counted from, and whether that is the clock's, `now_ns`.
 
-    If all stamps are far from the clock, they are of a simulation or a recording. Then the time is
-    the newest of them, so that ages show how far a link lies behind the others.
-
-    Args:
-        stamps_ns: The newest stamps of the links, nanoseconds.
-        now_ns: The clock, nanoseconds.
+    If all links' newest stamps are far from the clock, they are of a simulation or a recording.
+    Then the time is the newest of them, so that ages show how far a link lies behind the others.
     """
     newest = [*stamps_ns]
     if not newest or any(abs(now_ns - stamp) <= CLOCK_RANGE_S * 10**9 for stamp in newest):

@@ -60,11 +60,7 @@ class RobotPattern:
 
     def robot_of(self, tree: str) -> str | None:
         """The name of the robot that has a tree, which is what the ``*`` stands for; None if the
-        tree does not match, or no robot may be called so.
-
-        Args:
-            tree: The tree's name.
-        """
+        tree does not match, or no robot may be called so."""
         if not (tree.startswith(self.before) and tree.endswith(self.after)):
             return None
         name = tree[len(self.before) : len(tree) - len(self.after)]

@@ -65,11 +65,7 @@ class SharedStreams:
         )
 
     def inbox(self, tree: str) -> Inbox:
-        """Return a new inbox for the messages of a tree, instead of any before.
-
-        Args:
-            tree: The tree's name.
-        """
+        """Return a new inbox for the messages of a tree, instead of any before."""
         return Inbox(self._inboxes, keys.escape(tree))
 
     def distribute(self) -> None:

@@ -43,28 +43,19 @@ class Upstream:
         """Say to the primary that its client is there. `name`: what messages call it. `user`: as
         whom the session connects. `interest`: whose stream is followed; None: everything."""
         self._session = session
-        self._tree = tree
+        self.tree = tree
         self._stream = keys.streams(tree, interest.id if interest else "")
         own_id = str(session.zid())
-        self._calls: AbstractContextManager[None] = contextlib.nullcontext()
+        #: Nothing needs to be entered: a server ends without the interpreter's finalization.
+        self.calls: AbstractContextManager[None] = contextlib.nullcontext()
         self._queries = Queries(
-            session, self._calls, own_id, name or f"the primary of tree {tree!r}"
+            session, self.calls, own_id, name or f"the primary of tree {tree!r}"
         )
         #: What its rules allow this server, as it said last; None if it has no rules.
         self.access: dict[str, Any] | None = None
         #: The body of a `hello`.
         self.hello = wire.call_body("hello", user=user, client=own_id)
         self._token = session.liveliness().declare_token(keys.client(tree, own_id))
-
-    @property
-    def tree(self) -> str:
-        """The tree's name."""
-        return self._tree
-
-    @property
-    def calls(self) -> AbstractContextManager[None]:
-        """Nothing needs to be entered: a server ends without the interpreter's finalization."""
-        return self._calls
 
     def wait(self, endpoints: Sequence[str], credentials: Credentials) -> None:
         """Wait until the primary answers; it may be starting, too.
@@ -83,13 +74,13 @@ class Upstream:
                     continue
                 reason: Exception = error
                 failure = connect_failure.explain_all(
-                    endpoints, self._tree, _EXPLAIN_TIMEOUT_S, credentials
+                    endpoints, self.tree, _EXPLAIN_TIMEOUT_S, credentials
                 )
                 if isinstance(failure, AccessDenied):
                     reason = failure
                 where = ", ".join(map(zenoh_config.address, endpoints))
                 raise NetworkError(
-                    f"the primary of tree {self._tree!r} does not answer through {where} within "
+                    f"the primary of tree {self.tree!r} does not answer through {where} within "
                     f"{CONNECT_TIMEOUT_S:g} s (--replica-of): {reason}"
                 ) from error
 
@@ -135,15 +126,9 @@ class Upstream:
     ) -> None:
         """Send a request, and return without its reply; see `Queries.send`. It may take `wait_s`
         longer than others."""
-        timeout_s = _REPLY_TIMEOUT_S + wait_s
-        self._queries.send(
-            self._key(request_type),
-            wire.pack(body),
-            timeout_s,
-            replied,
-            ended,
-            zenoh.CancellationToken(),
-        )
+        key, timeout_s = self._key(request_type), _REPLY_TIMEOUT_S + wait_s
+        token = zenoh.CancellationToken()
+        self._queries.send(key, wire.pack(body), timeout_s, replied, ended, token)
 
     def reply(self, data: bytes | None, wait_s: float = 0.0) -> wire.Message:
         """The reply in the bytes of one that was sent with `wait_s`; None: none came. Raises the
@@ -154,7 +139,7 @@ class Upstream:
         return self._parse(self._queries.ask(self._key(request_type), wire.pack(body), timeout_s))
 
     def _key(self, request_type: str) -> zenoh.KeyExpr:
-        return zenoh.KeyExpr(keys.request(self._tree, request_type))
+        return zenoh.KeyExpr(keys.request(self.tree, request_type))
 
     @staticmethod
     def _parse(reply: bytes | NoReply) -> wire.Message:

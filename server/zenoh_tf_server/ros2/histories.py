@@ -90,17 +90,15 @@ class Histories:
     def __init__(
         self,
         session: zenoh.Session,
-        appeared: Callable[[str, str], None],
-        vanished: Callable[[str, str], None],
+        came_or_went: Callable[[_Identity, bool], None],
     ) -> None:
         """Bridges can be asked at once; what they reply waits for `start`.
 
-        `appeared` and `vanished` get the data's key and the Zenoh id of publishers of whom the
-        first token has come, or that are gone and would send again what they keep."""
+        `came_or_went` gets publishers of whom a token has come (True), or that are gone and would
+        send again what they keep (False)."""
         self._session = session
         self._own_zid = str(session.info.zid())
-        self._appeared = appeared
-        self._vanished = vanished
+        self._came_or_went = came_or_went
         self._changed = threading.Condition()
         self._keepers: dict[_Identity, _Keeper] = {}
         self._tokens: set[str] = set()  # of all keepers
@@ -174,7 +172,7 @@ class Histories:
                 return
             vanished = self._is_gone(keeper)
         if vanished:
-            self._vanished(*keeper.identity)
+            self._came_or_went(keeper.identity, False)
 
     def has_sent(self, identity: _Identity) -> None:
         """Ask a silent publisher once more, now that it has sent a message."""
@@ -211,7 +209,7 @@ class Histories:
             keeper = self._keepers.setdefault(identity, _Keeper(identity))
             keeper.tokens.add(token)
             keeper.had_token = True
-        self._appeared(*identity)
+        self._came_or_went(identity, True)
         self._ask(keeper, [token])
 
     def _token_removed(self, identity: _Identity, token: str) -> None:
@@ -223,7 +221,7 @@ class Histories:
             keeper.tokens.discard(token)
             vanished = self._is_gone(keeper)
         if vanished:
-            self._vanished(*identity)
+            self._came_or_went(identity, False)
 
     def _is_gone(self, keeper: _Keeper) -> bool:
         """Forget a keeper that has neither tokens nor declared publishers. Returns True if it would

@@ -89,7 +89,7 @@ class Statics:
         self._grace_s = grace_s
         self._add = add
         #: Asks for what was sent before, now and whenever a publisher appears.
-        self.histories = Histories(session, self._appeared, self._vanished)
+        self.histories = Histories(session, self._came_or_went)
         self._lock = threading.Lock()
         self._publishers: dict[_Identity, _Publisher] = {}
         self._owners: dict[str, _Identity] = {}  # of each child: the publisher that sent it last
@@ -202,17 +202,11 @@ class Statics:
 
     # --- publishers that come and go
 
-    def _appeared(self, key: str, zid: str) -> None:
+    def _came_or_went(self, identity: _Identity, is_there: bool) -> None:
         with self._lock:
-            publisher = self._publishers.get((key, zid))
+            publisher = self._publishers.get(identity)
             if publisher is not None:
-                publisher.gone_s = None
-
-    def _vanished(self, key: str, zid: str) -> None:
-        with self._lock:
-            publisher = self._publishers.get((key, zid))
-            if publisher is not None:
-                publisher.gone_s = time.monotonic()
+                publisher.gone_s = None if is_there else time.monotonic()
 
     def _forget_gone(self) -> None:
         before_s = time.monotonic() - self._grace_s

@@ -35,16 +35,17 @@ class RecentMessages:
         self._lock = threading.Lock()
         self._messages: list[_Message] = []  # those before `_begin` are forgotten
         self._begin = 0
-        self._bytes = 0
+        #: What all messages cost.
+        self.bytes = 0
 
     def add(self, first: int, last: int, data: bytes) -> None:
         """Add the message of the numbers from `first` to `last`, and forget the oldest ones."""
         message = _Message(first, last, data)
         with self._lock:
             self._messages.append(message)
-            self._bytes += message.cost
-            while self._bytes > self._max_bytes:
-                self._bytes -= self._messages[self._begin].cost
+            self.bytes += message.cost
+            while self.bytes > self._max_bytes:
+                self.bytes -= self._messages[self._begin].cost
                 self._begin += 1
             if self._begin > len(self._messages) // 2:
                 del self._messages[: self._begin]
@@ -54,7 +55,7 @@ class RecentMessages:
         """Forget all."""
         with self._lock:
             self._messages.clear()
-            self._begin = self._bytes = 0
+            self._begin = self.bytes = 0
 
     def since(self, number: int, most_bytes: int) -> list[bytes]:
         """The messages from that with `number` on, until they have `most_bytes` or more. Empty if
@@ -70,8 +71,3 @@ class RecentMessages:
                 most_bytes -= messages[at].cost
                 at += 1
         return found
-
-    @property
-    def bytes(self) -> int:
-        """What all messages cost."""
-        return self._bytes
