@@ -38,13 +38,15 @@ class Robots:
     Thread safety: all methods.
     """
 
-    def __init__(self, settings: FederationSettings, security: Security, service: Service) -> None:
+    def __init__(
+        self, settings: FederationSettings, security: Security, service: Service, ingest: Ingest
+    ) -> None:
         limits = service.limits
         self._service = service
         self._settings = settings
         self._most = limits.robots
         expected = len(settings.links) + (limits.robots if settings.patterns else 0)
-        self._pool = Pool()
+        self._pool = Pool(ingest)
         self._make = functools.partial(
             Robot,
             shared=settings.shared,
@@ -60,9 +62,8 @@ class Robots:
         self._sums: Mapping[str, Mapping[str, int]] = {}
         self._sums_until_s = 0.0
 
-    def start(self, ingest: Ingest, session: zenoh.Session) -> None:
+    def start(self, session: zenoh.Session) -> None:
         """Connect to each robot, find others on the session's network, and begin to listen."""
-        self._pool.start(ingest)
         for robot in self._robots.values():
             robot.start()
 
@@ -119,7 +120,7 @@ def start(
 ) -> None:
     """Gather the trees of robots, until the stack is closed."""
     if settings.links or settings.patterns:
-        robots = Robots(settings, security, service)
+        robots = Robots(settings, security, service, ingest)
         stack.callback(robots.close)
-        robots.start(ingest, session)
+        robots.start(session)
         service.add_counters(robots.counters)

@@ -47,8 +47,8 @@ _BATCH_BYTES: Final = 1 << 20
 class Pool:
     """The `zenoh_tf.mirrors.steps.Runner` of robots, whose sources are `Upstream`."""
 
-    def __init__(self) -> None:
-        self._ingest: Ingest | None = None
+    def __init__(self, ingest: Ingest) -> None:
+        self._ingest = ingest
         self._puts: list[Put] = []  # of the loop's thread
         self._bytes = 0  # of them
         self._loop = asyncio.new_event_loop()
@@ -56,11 +56,6 @@ class Pool:
         self._feeds: dict[MirrorFeed, None] = {}  # of the loop's thread
         self._streams: list[SharedStreams] = []
         self._tasks: set[asyncio.Task[None]] = set()  # of the loop's thread; the loop keeps none
-        self._thread: threading.Thread | None = None
-
-    def start(self, ingest: Ingest) -> None:
-        """Begin."""
-        self._ingest = ingest
         self._thread = threads.start("robots", self._run)
 
     def add_streams(self, streams: SharedStreams) -> None:
@@ -86,7 +81,6 @@ class Pool:
 
     def listen(self, feed: MirrorFeed) -> threading.Thread:
         """Poll a feed until it is closed."""
-        assert self._thread is not None
         self._loop.call_soon_threadsafe(self._feeds.__setitem__, feed, None)
         return self._thread
 
@@ -110,7 +104,6 @@ class Pool:
     # --- the thread
 
     def _queue(self, *, wait: bool) -> None:
-        assert self._ingest is not None
         if self._puts:
             puts, self._puts, self._bytes = self._puts, [], 0
             self._ingest.add(puts, wait=wait)

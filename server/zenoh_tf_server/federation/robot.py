@@ -87,9 +87,7 @@ class Robot:
         self._is_self = False
 
     def start(
-        self,
-        session: zenoh.Session | None = None,
-        streams: SharedStreams | None = None,
+        self, session: zenoh.Session | None = None, streams: SharedStreams | None = None
     ) -> None:
         """Listen, in the background: over a session and streams that there are, or its own."""
         self._streams = streams

@@ -34,10 +34,9 @@ def start(
     """Join the ROS 2 network of a session, until the stack is closed."""
     if settings.publish:
         outgoing = Outgoing(
-            service.tree, links, settings.publish, settings.rate_hz, settings.domain
+            session, service.tree, links, settings.publish, settings.rate_hz, settings.domain
         )
         stack.callback(outgoing.close)
-        outgoing.start(session)
         service.on_commit = outgoing.committed
         service.add_counters(outgoing.counters)
     if settings.receive:
@@ -45,11 +44,9 @@ def start(
             session, links, settings.static_grace_s, lambda puts: ingest.add(puts, wait=False)
         )
         histories = statics.histories
-        publishers = Publishers(histories.publisher_found, histories.publisher_gone)
-        prefixes = Prefixes(settings.rules, settings.shared)
-        incoming = Incoming(ingest, limits, publishers, prefixes, statics)
+        publishers = Publishers(session, histories.publisher_found, histories.publisher_gone)
         stack.callback(publishers.close)
+        prefixes = Prefixes(settings.rules, settings.shared)
+        incoming = Incoming(session, ingest, limits, publishers, prefixes, statics)
         stack.callback(incoming.close)
-        publishers.start(session)
-        incoming.start(session)
         service.add_counters(incoming.counters)

@@ -35,6 +35,7 @@ class Incoming:
 
     def __init__(
         self,
+        session: zenoh.Session,
         ingest: Ingest,
         limits: Limits,
         publishers: Publishers,
@@ -46,15 +47,13 @@ class Incoming:
         self._publishers = publishers
         self._prefixes = prefixes
         self._statics = statics
-        self._listeners: list[TopicListener] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._lock = threading.Lock()
         self._counts = {"ros2_messages": 0, "ros2_bad_keys": 0, "ros2_bad_attachments": 0}
-
-    def start(self, session: zenoh.Session) -> None:
-        """Begin to receive."""
-        for topic, receive in (("tf", self._receive), ("tf_static", self._receive_static)):
-            self._listeners.append(TopicListener(session, topic, TF_MESSAGE, receive, self.report))
+        self._listeners = [
+            TopicListener(session, topic, TF_MESSAGE, receive, self.report)
+            for topic, receive in (("tf", self._receive), ("tf_static", self._receive_static))
+        ]
         self._statics.start(self._receive_history, self.report)
 
     def close(self) -> None:

@@ -103,6 +103,7 @@ class Outgoing:
 
     def __init__(
         self,
+        session: zenoh.Session,
         tree: TransformTree,
         links: StaticLinks,
         patterns: Sequence[str],
@@ -127,10 +128,11 @@ class Outgoing:
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._next_s = 0.0
         period_s = min(self._period_s, _STATICS_S)
+        self._declare(session)
         self._thread = Periodic("ros2-out", self._publish_due, period_s)
+        self._thread.start()
 
-    def start(self, session: zenoh.Session) -> None:
-        """Begin to publish."""
+    def _declare(self, session: zenoh.Session) -> None:
         zid = str(session.info.zid())
         self._declare_token(session, keys.node_token(self._domain, zid, NODE))
         number = 0
@@ -144,7 +146,6 @@ class Outgoing:
                 peers.append(_Peer(session, key, token, latched))
                 self._declare_token(session, token)
             peers.append(_Peer(session, name, None, latched))
-        self._thread.start()
 
     def close(self) -> None:
         """Publish no more."""
@@ -267,12 +268,12 @@ class Outgoing:
             )
 
     def _put(self, topic: str, found: _Encoded) -> None:
+        self._messages += 1  # before it is heard, and may come back
+        self._transforms += found.count
         latched = topic == "tf_static"  # late subscribers get it too
         for peer in self._peers[topic]:
             if latched or peer.has_listeners:
                 peer.put(found.payload)
-        self._messages += 1
-        self._transforms += found.count
 
 
 class _Encoded:

@@ -79,9 +79,13 @@ class Publishers:
     """Follows the tokens of all publishers of transforms."""
 
     def __init__(
-        self, found: Callable[[Publisher], None], gone: Callable[[Publisher], None]
+        self,
+        session: zenoh.Session,
+        found: Callable[[Publisher], None],
+        gone: Callable[[Publisher], None],
     ) -> None:
-        """`found` and `gone` get each publisher that appears or goes."""
+        """`found` and `gone` get each publisher that appears or goes. Returns when those that are
+        there now are known."""
         self._found = found
         self._gone = gone
         self._lock = threading.Condition()
@@ -92,9 +96,6 @@ class Publishers:
         self._sources = BoundedMap[tuple[str, bytes | None, str | None], Source](_MAX_SOURCES)
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
-
-    def start(self, session: zenoh.Session) -> None:
-        """Follow the tokens. Returns when those that are there now are known."""
         self._own_zid = str(session.info.zid())
         for tokens in (keys.rmw_publishers(TF_MESSAGE), keys.bridge_publishers(TF_MESSAGE)):
             subscriber = session.liveliness().declare_subscriber(
