@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, NotDurable
 
-from ..limits import Limits
 from ..state.static_links import NO_TICKET
-from .reads import Reads
+from .handler import typed_error
 
 if TYPE_CHECKING:
-    from zenoh_tf._core import Budget, Rows
+    from zenoh_tf._core import Rows
+
+    from .service import Service
 
 #: The reply to an operation whose own has no room. Each operation has room for that.
 NO_ROOM: Final = wire.pack(
@@ -38,33 +39,10 @@ _SLICE_ROWS: Final = 1000
 _PAUSE_S: Final = 20e-6
 
 
-class BatchContext(Protocol):
-    """What the service does for the operations of a batch."""
-
-    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
-        """The reply to a commit, and a ticket for `wait_until_durable`."""
-
-    def wait_until_durable(self, ticket: int) -> None:
-        """Wait for what has a ticket. Raises NotDurable."""
-
-    def info(self, message: wire.Message, budget: Budget) -> wire.Message:
-        """The reply to an info request."""
-
-    def failure(self, error: Exception) -> wire.Message:
-        """The error as the reply to an operation has it."""
-
-
 class Batch:
-    """One message's operations."""
+    """One message's operations on a service."""
 
-    def __init__(
-        self,
-        body: wire.Message,
-        limits: Limits,
-        instance: str,
-        reads: Reads,
-        operations: BatchContext,
-    ) -> None:
+    def __init__(self, service: Service, body: wire.Message) -> None:
         """Parse the message.
 
         Raises:
@@ -79,10 +57,8 @@ class Batch:
                 limit=_MAX_OPERATIONS,
                 value=len(self._list),
             )
-        self._limits = limits
-        self._instance = instance
-        self._reads = reads
-        self._operations = operations
+        self._service = service
+        self._limits = limits = service.limits
         #: What is left for this message.
         self.budget = limits.budget()
         self._error_bytes = limits.error_bytes
@@ -105,14 +81,14 @@ class Batch:
         tickets: dict[int, int] = {}
 
         def commit(body: wire.Message) -> wire.Message:
-            reply, ticket = self._operations.commit_reply(self._commit(body), expires_ns)
+            reply, ticket = self._service.commit_reply(self._commit(body), expires_ns)
             if ticket != NO_TICKET:
                 tickets[len(self._replies)] = ticket
             return reply
 
         self._run(commit)
         try:
-            self._operations.wait_until_durable(max(tickets.values(), default=NO_TICKET))
+            self._service.links.wait(max(tickets.values(), default=NO_TICKET))
         except NotDurable as error:
             for index in tickets:
                 self._replies[index] = self._fit(self._failure(error))
@@ -140,7 +116,7 @@ class Batch:
         return self.reply()
 
     def _packed(self, replies: list[bytes]) -> bytes:
-        return wire.batch_reply(replies, self._instance)
+        return wire.batch_reply(replies, self._service.instance)
 
     def _run(self, commit: Callable[[wire.Message], wire.Message]) -> None:
         next_pause = _SLICE_ROWS
@@ -151,7 +127,7 @@ class Batch:
                 elif request_type == "commit":
                     reply = commit(body)
                 else:
-                    reply = self._operations.info(body, self.budget)
+                    reply = self._service.info(body, self.budget)
             except Exception as error:
                 reply = self._failure(error)
             self._replies.append(self._fit(reply))
@@ -162,13 +138,13 @@ class Batch:
 
     def _lookup(self, body: wire.Message) -> wire.Message:
         one = wire.parse_one_read(body)
-        if one is not None and (found := self._reads.one(*one, self.budget)):
+        if one is not None and (found := self._service.reads.one(*one, self.budget)):
             self._count(1)
             return found
         lookup = wire.parse_lookup(body)
         self._count(lookup.rows)
         if not lookup.timeout_ns:
-            return self._reads.rows(lookup, self.budget)
+            return self._service.reads.rows(lookup, self.budget)
         if self.commits:
             raise InvalidArgumentException(
                 "a lookup in a batch that writes cannot wait: leave out timeout_s, or "
@@ -199,9 +175,8 @@ class Batch:
         return data
 
     def _failure(self, error: Exception) -> wire.Message:
-        reply = self._operations.failure(error)
-        fields = reply["error"]
+        fields = wire.encode_error(typed_error(error))
         self._error_bytes -= 2 * len(fields["message"])
         if self._error_bytes < 0:
             fields["message"], fields["facts"] = _SHORT, {}
-        return reply
+        return {"error": fields}

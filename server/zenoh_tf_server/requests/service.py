@@ -35,7 +35,7 @@ from ..state.tree_commits import Stores, apply
 from .admin import AdminRequests
 from .batches import Batch
 from .guard import RequestGuard
-from .handler import Handler, ReplyCallback, ReplyWithField, typed_error
+from .handler import Handler, ReplyCallback, ReplyWithField
 from .info import InfoRequests
 from .reads import Reads
 from .waiters import Waiters
@@ -63,7 +63,7 @@ class Service(Handler):
         self.tree = tree
         self._instance = instance
         self.waiters = Waiters(tree, limits, loop)
-        self._reads = Reads(tree, limits)
+        self.reads = Reads(tree, limits)
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
@@ -76,8 +76,8 @@ class Service(Handler):
         self.last_seq: Callable[[], int] | None = None
         #: Called with each commit that the tree has applied, and what became of its rows.
         self.on_commit: Callable[[wire.Commit, Any], None] | None = None
-        self._links = links or StaticLinks(tree, limits, None, Stored())
-        self._admin_requests = AdminRequests(self._links, limits)
+        self.links = links or StaticLinks(tree, limits, None, Stored())
+        self._admin_requests = AdminRequests(self.links, limits)
         #: Where clients of this host can map the tree; the server that shares it sets it.
         self.offer: handover.Offer | None = None
         self._identity = {
@@ -183,7 +183,7 @@ class Service(Handler):
         self.limits.check("rows", lookup.rows)
         budget = self.limits.budget()
         if not lookup.timeout_ns:
-            reply_to(self._pack_within(self._reads.rows(lookup, budget)), False)
+            reply_to(self._pack_within(self.reads.rows(lookup, budget)), False)
             return
 
         def settle(found: list[Rows]) -> None:
@@ -218,7 +218,7 @@ class Service(Handler):
             commit = wire.parse_commit(message)
             self.limits.check("rows", len(commit.rows))
             stored, ticket = self.commit_reply(commit, expires_ns)
-            self._links.wait(ticket)
+            self.links.wait(ticket)
             reply = self._pack(stored)
             return reply, reply
 
@@ -237,10 +237,6 @@ class Service(Handler):
             reply["seq"] = self.last_seq()
         return reply
 
-    def wait_until_durable(self, ticket: int) -> None:
-        """Wait for what has a ticket. Raises NotDurable."""
-        self._links.wait(ticket)
-
     def commit_puts(self, puts: Sequence[wire.Commit]) -> list[Outcome]:
         """Commit puts to the tree in their order, each as a transaction of its own. Static links
         are stored soon after."""
@@ -254,7 +250,7 @@ class Service(Handler):
 
     def _commit_static_put(self, put: wire.Commit) -> Outcome:
         try:
-            stored: Stores = self._links.commit(put, by_call=False)[0]
+            stored: Stores = self.links.commit(put, by_call=False)[0]
         except Exception as error:
             return error
         return None if stored.all() else stored.tobytes()
@@ -265,7 +261,7 @@ class Service(Handler):
             [put.authority for put in puts],
             [put.max_stamp_ns for put in puts],
         )
-        if self.on_commit is not None or self._links.is_stored:
+        if self.on_commit is not None or self.links.is_stored:
             for put, outcome in zip(puts, outcomes, strict=True):
                 if outcome is None:
                     self._committed(put, np.ones(len(put.rows), np.uint8))
@@ -279,7 +275,7 @@ class Service(Handler):
         self.limits.check_names(commit.rows.name_count)
         self.limits.check_names(len(commit.read_names))
         if commit.static:
-            return self._links.commit(commit, by_call=True)
+            return self.links.commit(commit, by_call=True)
         stored = apply(self.tree, commit)
         return stored, self._committed(commit, stored)
 
@@ -288,12 +284,12 @@ class Service(Handler):
         durability."""
         if self.on_commit is not None:
             self.on_commit(commit, stored)
-        return self._links.made_dynamic(commit) if self._links.is_stored else NO_TICKET
+        return self.links.made_dynamic(commit) if self.links.is_stored else NO_TICKET
 
     # --- batches, info and administration
 
     def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        batch = Batch(message, self.limits, self.instance, self._reads, self)
+        batch = Batch(self, message)
         if batch.commits:
 
             def run(expires_ns: int) -> tuple[bytes, bytes]:
@@ -318,10 +314,6 @@ class Service(Handler):
         else:
             reply_to(batch.reply(), False)
 
-    def failure(self, error: Exception) -> wire.Message:
-        """The error as the reply to an operation of a batch has it."""
-        return {"error": wire.encode_error(typed_error(error))}
-
     def _reply_to_info(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         what = message.get("what")
         if what == "cancel":
@@ -344,7 +336,7 @@ class Service(Handler):
 
     def _counters(self) -> dict[str, int]:
         counters = {"outcomes": len(self._writes), **asdict(self.puts)}
-        return counters | self._links.counters() | self._added_counters()
+        return counters | self.links.counters() | self._added_counters()
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)

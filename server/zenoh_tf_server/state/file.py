@@ -19,7 +19,7 @@ import os
 import sqlite3
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -67,7 +67,7 @@ class StoredLink(NamedTuple):
 
 
 #: What is to be stored under (table, child): a link, the number of a removal, or None for nothing.
-Changes = Mapping[tuple[Table, str], StoredLink | int | None]
+Changes = dict[tuple[Table, str], StoredLink | int | None]
 
 
 @dataclass(slots=True)

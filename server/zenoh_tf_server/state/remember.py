@@ -12,8 +12,8 @@ from zenoh_tf import TransformTree
 from zenoh_tf.errors import TransformException
 from zenoh_tf.threads import Periodic
 
-from .file import Stored, StoredLink, Table
-from .static_links import Changed, StaticLinks
+from .file import Changes, Stored, StoredLink, Table
+from .static_links import StaticLinks
 from .writer import STORE_TIMEOUT_S, StateWriter
 
 _PERIOD_S: Final = 1.0
@@ -52,7 +52,7 @@ class LastPoses:
     def _put(self, changed: dict[str, StoredLink | None]) -> None:
         if not changed:
             return
-        changes: Changed = {(Table.LAST_POSES, frame): link for frame, link in changed.items()}
+        changes: Changes = {(Table.LAST_POSES, frame): link for frame, link in changed.items()}
         for frame, link in changed.items():
             if link is None:
                 self._stored.pop(frame, None)

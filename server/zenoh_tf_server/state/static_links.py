@@ -25,7 +25,7 @@ from zenoh_tf.errors import LookupException, TransactionConflict, TransformExcep
 
 from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
-from .file import Stored, StoredLink, Table
+from .file import Changes, Stored, Table
 from .tree_commits import Stores, apply, last_links
 from .writer import StateWriter
 
@@ -35,8 +35,6 @@ _ANNOUNCE_ATTEMPTS: Final = 5
 _MAX_SINGLE_ROWS: Final = 4096
 #: A ticket of nothing.
 NO_TICKET: Final = 0
-
-Changed = dict[tuple[Table, str], StoredLink | int | None]
 
 
 class StaticLinks:
@@ -197,7 +195,7 @@ class StaticLinks:
             self._by_call.update(links)
         else:
             self._by_call.difference_update(links)
-        changes: Changed = {(Table.STATIC_LINKS, child): link for child, link in links.items()}
+        changes: Changes = {(Table.STATIC_LINKS, child): link for child, link in links.items()}
         for child in self._removed.keys() & links.keys():
             del self._removed[child]
             changes[Table.REMOVED_LINKS, child] = None
@@ -290,9 +288,9 @@ class StaticLinks:
         record = self._record(frame)
         return record is not None and bool(record["static"])
 
-    def _forget(self, names: list[str]) -> Changed:
+    def _forget(self, names: list[str]) -> Changes:
         """Record that static links were removed. Returns what to store."""
-        changes: Changed = {}
+        changes: Changes = {}
         for name in names:
             changes[Table.STATIC_LINKS, name] = None
             self._last_removal += 1
@@ -309,10 +307,10 @@ class StaticLinks:
         self._by_call.difference_update(names)
 
     @staticmethod
-    def _forget_poses(names: Iterable[str]) -> Changed:
+    def _forget_poses(names: Iterable[str]) -> Changes:
         return {(Table.LAST_POSES, name): None for name in names}
 
-    def _put(self, changes: Changed) -> int:
+    def _put(self, changes: Changes) -> int:
         if not changes or self._writer is None:
             return NO_TICKET
         return self._writer.put(changes)

@@ -16,7 +16,7 @@ from typing import Final
 from zenoh_tf import threads
 from zenoh_tf.errors import NotDurable
 
-from .file import Changes, StateFile, StoredLink, Table
+from .file import Changes, StateFile
 
 log = logging.getLogger("zenoh_tf.server.state")
 
@@ -35,7 +35,7 @@ class StateWriter:
         self._file = file
         self._changed = threading.Condition()
         # Guarded by the condition. Tickets count the calls of `put`.
-        self._pending: dict[tuple[Table, str], StoredLink | int | None] = {}
+        self._pending: Changes = {}
         self._last_ticket = 0
         self._durable_ticket = 0
         self._failed_ticket = 0  # the last ticket of the write that failed last
@@ -116,7 +116,7 @@ class StateWriter:
                 log.error("%d entries of the state are lost", len(batch))
                 return
 
-    def _write(self, batch: dict[tuple[Table, str], StoredLink | int | None], ticket: int) -> bool:
+    def _write(self, batch: Changes, ticket: int) -> bool:
         """Write one batch. False: it failed, and is pending again."""
         try:
             self._file.write(batch)
