@@ -22,11 +22,9 @@ from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.source import Source, State
 from zenoh_tf.text import quoted
 
-from ..ingest.clock_offsets import ClockOffsets
 from ..limits import Limits
 from ..requests.guard import RequestGuard
 from ..requests.handler import Handler, ReplyCallback, ReplyWithField
-from ..requests.info import InfoRequests
 from ..requests.service import Service
 from .copies import SharedCopies
 
@@ -113,29 +111,15 @@ class ReplicaService(Handler):
         for service in list(self._services.values()):
             service.client_gone(client)
 
-    # --- what metrics read, of the current copy
-
-    @property
-    def info_requests(self) -> InfoRequests:
-        return self._current.info_requests
-
-    @property
-    def clocks(self) -> ClockOffsets:
-        return self._current.clocks
-
     def authorities(self) -> list[str]:
         """The names of those that have published to the primary."""
         return [record["name"] for record in self.info_requests.authorities()]
 
     def stats(self) -> dict[str, int]:
-        return self._current.stats()
+        """Those of the latest copy; there is one once `start` has returned."""
+        return next(reversed(list(self._services.values()))).stats()
 
     # --- copies
-
-    @property
-    def _current(self) -> Service:
-        """The latest service; there is one once `start` has returned."""
-        return next(reversed(list(self._services.values())))
 
     def _take(self, tree: TransformTree | None, instance: str) -> None:
         """Serve a new copy, which `state` has right after this."""
@@ -145,6 +129,7 @@ class ReplicaService(Handler):
         service.requests = self.requests
         service.waiters.is_connected = self.is_connected
         service.add_counters(self._counters)
+        self.clocks, self.info_requests = service.clocks, service.info_requests
         # From here on no client reads the copy before this one in memory.
         service.offer = self._copies.share(tree, self.limits)
         replaced = dict(self._services)

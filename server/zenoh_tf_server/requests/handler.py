@@ -52,6 +52,11 @@ class ReplyWithField:
 class Handler(ABC):
     """Serves the requests to one tree: the server's `Service`, or a replica's."""
 
+    #: How far the clients' clocks are off.
+    clocks: ClockOffsets
+    #: Descriptions of the tree and of the server.
+    info_requests: InfoRequests
+
     def __init__(self, name: str, limits: Limits, guard: RequestGuard) -> None:
         """`name`: the tree's."""
         self.name = name
@@ -64,16 +69,6 @@ class Handler(ABC):
     @abstractmethod
     def instance(self) -> str:
         """The server instance that replies name."""
-
-    @property
-    @abstractmethod
-    def clocks(self) -> ClockOffsets:
-        """How far the clients' clocks are off."""
-
-    @property
-    @abstractmethod
-    def info_requests(self) -> InfoRequests:
-        """Descriptions of the tree and of the server."""
 
     @abstractmethod
     def handle(

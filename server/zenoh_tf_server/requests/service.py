@@ -67,9 +67,9 @@ class Service(Handler):
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
-        self._clocks = ClockOffsets()
+        self.clocks = ClockOffsets()
         counters = _counters_of(self)
-        self._info_requests = InfoRequests(tree, limits, self.refusals, self._clocks, counters)
+        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, counters)
         self._future = future or FutureStamps()
         self._writes = Writes(instance, limits)
         #: Number of the tree's last commit, for the replies to writes.
@@ -100,14 +100,6 @@ class Service(Handler):
     @property
     def instance(self) -> str:
         return self._instance
-
-    @property
-    def clocks(self) -> ClockOffsets:
-        return self._clocks
-
-    @property
-    def info_requests(self) -> InfoRequests:
-        return self._info_requests
 
     def handle(
         self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
