@@ -63,9 +63,13 @@ class Monitoring:
         self._metrics: Metrics | None = None
         self._port: StatusPort | None = None
         if settings.metrics is not None:
-            self._metrics = Metrics(self._health, settings.max_authorities)
-            pages = {"/metrics": self._metrics_page, "/healthz": self._healthz}
-            self._port = StatusPort(settings.metrics, {**pages, "/readyz": self._readyz})
+            self._metrics = metrics = Metrics(self._health, settings.max_authorities)
+            pages = {
+                "/metrics": lambda: Page(200, metrics.page(), metrics.content_type),
+                "/healthz": self._healthz,
+                "/readyz": self._readyz,
+            }
+            self._port = StatusPort(settings.metrics, pages)
 
     def serving(self, server: Watched) -> None:
         """The tree is claimed and served."""
@@ -89,10 +93,6 @@ class Monitoring:
         """The server is about to close."""
         service_manager.notify(STOPPING=1)
         self._health.stopping()
-
-    def _metrics_page(self) -> Page:
-        assert self._metrics is not None
-        return Page(200, self._metrics.page(), self._metrics.content_type)
 
     def _healthz(self) -> Page:
         if self._health.healthy or not self._health.ready:  # a start may be slow

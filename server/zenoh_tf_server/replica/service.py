@@ -185,11 +185,8 @@ class _CopyService(Service):
     """The service of one copy: it accepts no writes."""
 
     def __init__(self, replica: ReplicaService, tree: TransformTree, instance: str) -> None:
-        guard = _Guard(
-            lambda least, seq: replica.check_least(tree, least, seq),
-            lambda: replica.access(),  # noqa: PLW0108
-        )
-        super().__init__(tree, replica.name, instance, replica.limits, replica._loop, guard=guard)
+        name, limits, guard = replica.name, replica.limits, _Guard(replica, tree)
+        super().__init__(tree, name, instance, limits, replica._loop, guard=guard)
         self._identity["replica"] = replica._own_id
 
     def _store(self, commit: wire.Commit) -> NoReturn:
@@ -203,26 +200,20 @@ class _CopyService(Service):
 class _Guard(RequestGuard):
     """Refuses reads that must see more than there is."""
 
-    def __init__(
-        self,
-        check_least: Callable[[str, int], None],
-        rights: Callable[[], dict[str, Any] | None],
-    ) -> None:
+    def __init__(self, replica: ReplicaService, tree: TransformTree) -> None:
         super().__init__()
         self.checked = frozenset(keys.REQUEST_TYPES)
-        self._check_least = check_least
-        self._access = rights
+        self._replica = replica
+        self._tree = tree
 
     def access(self, message: wire.Message) -> dict[str, Any] | None:
         """The same for every client: what the primary allows to the replica's user."""
-        return self._access()
+        return self._replica.access()
 
     def check(self, request_type: str, chunk: str | None, message: wire.Message) -> None:
-        """Check a request, and return what it must see at least."""
+        """Check that a read sees what it must see at least. Removes the fields that say it."""
         if wire.LEAST_SEQ in message:
-            instance, seq = (
-                wire.text(message, wire.LEAST_INSTANCE),
-                wire.integer(message, wire.LEAST_SEQ, low=0),
-            )
+            instance = wire.text(message, wire.LEAST_INSTANCE)
+            seq = wire.integer(message, wire.LEAST_SEQ, low=0)
             del message[wire.LEAST_SEQ], message[wire.LEAST_INSTANCE]
-            self._check_least(instance, seq)
+            self._replica.check_least(self._tree, instance, seq)

@@ -154,7 +154,7 @@ class LocalRequests:
         self._shares = FairShare(service.limits, "local_connections", _MAX_OF_CLIENT)
         self._closed = False
         clients.when_gone(self._client_gone)
-        service.add_counters(self._counters)
+        service.add_counters(lambda: {"local_connections": len(self._connections)})
 
     def take(self, peer: socket.socket) -> None:
         """Serve a client from now on; closes the connection if there are too many."""
@@ -193,10 +193,6 @@ class LocalRequests:
             connections = [each for each in self._connections if each.claimed == client]
         for connection in connections:
             connection.end()
-
-    def _counters(self) -> dict[str, int]:
-        """Counters for `stats`."""
-        return {"local_connections": len(self._connections)}
 
     def _serve(self, connection: _LocalConnection) -> None:
         try:
