@@ -70,8 +70,6 @@ class ChangeReplay:
     ) -> None: ...
     # Before the first lookup, if the snapshot's plan says so.
     def set_ever_reparented(self) -> None: ...
-    @property
-    def last(self) -> int: ...  # of the last apply()
 
 class InterestReader:
     """Reads what an interested mirror has of a tree. All threads."""

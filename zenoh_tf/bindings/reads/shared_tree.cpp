@@ -41,8 +41,6 @@ void bind_shared_tree(nb::module_& m) {
   nb::class_<SharedTree> tree(m, "SharedTree", nb::is_weak_referenceable());
   tree.def(nb::init<int>(), nb::arg("fd"))
       .def_prop_ro("instance", [](const SharedTree& t) { return t.options().instance; })
-      .def_prop_ro("max_name_bytes", [](const SharedTree& t) { return t.options().max_name_bytes; })
-      .def_prop_ro("max_depth", [](const SharedTree& t) { return t.options().max_depth; })
       .def_prop_ro("lease_left_s", &lease_left_s);
   bind_reads(tree);
 }

@@ -122,7 +122,6 @@ class Replay {
   }
 
   void set_ever_reparented() { replay_.set_ever_reparented(); }
-  [[nodiscard]] Seq last() const { return tree_.replayed(); }
 
  private:
   // A frame's samples must have ascending stamps.
@@ -147,8 +146,7 @@ void bind_change_replay(nb::module_& m) {
       .def("load", &Replay::load, nb::arg("names"), nb::arg("authorities"), nb::arg("frame"),
            nb::arg("version"), nb::arg("static"), nb::arg("authority"), nb::arg("count"),
            nb::arg("stamp"), nb::arg("parent"), nb::arg("pose"))
-      .def("set_ever_reparented", &Replay::set_ever_reparented)
-      .def_prop_ro("last", &Replay::last);
+      .def("set_ever_reparented", &Replay::set_ever_reparented);
 }
 
 }  // namespace ztf
