@@ -80,16 +80,9 @@ def explain(
         target=target,
         source=source,
         stamp_ns=stamp_ns,
-        at_ns=None,
-        possible=False,
-        error=None,
-        links=(),
-        limiting_frame=None,
         target_root=from_target[-1].name if from_target else None,
         source_root=from_source[-1].name if from_source else None,
         by_clock=by_clock,
-        reasons=(),
-        advice=(),
     )
     unknown = [name for name in dict.fromkeys((target, source)) if name not in _names(frames)]
     if unknown:
@@ -163,12 +156,6 @@ def _link(frame: FrameInfo, at_ns: int | None, reference: int) -> LinkReport:
         static=frame.static,
         samples=frame.samples,
         rate_hz=frame.rate_hz,
-        oldest_stamp_ns=None,
-        newest_stamp_ns=None,
-        age_s=None,
-        stopped=False,
-        problem=None,
-        off_by_ns=None,
     )
     if frame.static or oldest is None or newest is None:
         return report

@@ -45,12 +45,12 @@ class LinkReport:
     static: bool
     samples: int
     rate_hz: float | None
-    oldest_stamp_ns: int | None
-    newest_stamp_ns: int | None
-    age_s: float | None
-    stopped: bool
-    problem: Literal["too_new", "too_old", "single_sample"] | None
-    off_by_ns: int | None
+    oldest_stamp_ns: int | None = None
+    newest_stamp_ns: int | None = None
+    age_s: float | None = None
+    stopped: bool = False
+    problem: Literal["too_new", "too_old", "single_sample"] | None = None
+    off_by_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,16 +79,16 @@ class Explanation:
     target: str
     source: str
     stamp_ns: int | None
-    at_ns: int | None
-    possible: bool
-    error: str | None
-    links: tuple[LinkReport, ...]
-    limiting_frame: str | None
-    target_root: str | None
-    source_root: str | None
-    by_clock: bool
-    reasons: tuple[str, ...]
-    advice: tuple[str, ...]
+    at_ns: int | None = None
+    possible: bool = False
+    error: str | None = None
+    links: tuple[LinkReport, ...] = ()
+    limiting_frame: str | None = None
+    target_root: str | None = None
+    source_root: str | None = None
+    by_clock: bool = True
+    reasons: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Return all of it as JSON values."""

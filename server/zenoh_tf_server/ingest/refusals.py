@@ -66,14 +66,8 @@ class Refusals:
             }
         nothing = _fields(_Refused())
         merged = [{**record, **refused.pop(record["name"], nothing)} for record in records]
-        empty = {
-            "frames": 0,
-            "commits": 0,
-            "stored": 0,
-            "dropped": 0,
-            "rewritten": 0,
-            "conflicts": 0,
-        }
+        of_tree = ("frames", "commits", "stored", "dropped", "rewritten", "conflicts")
+        empty = dict.fromkeys(of_tree, 0)
         merged += [{"name": name, **empty, **fields} for name, fields in refused.items()]
         return merged
 
