@@ -46,13 +46,6 @@ LARGE_FOLDERS = {
 }
 MAX_LINES = 400
 MAX_FUNCTION_LINES = 60
-#: Files that still have a longer one.
-LONG_FUNCTIONS = {
-    "tests/core/replication/test_concurrent_change_log.cpp",
-    "tests/core/commits/test_concurrent_freed_names.cpp",
-    "tests/core/replication/test_concurrent_interest_reader.cpp",
-    "tests/core/records/test_history.cpp",
-}
 TREE = "zenoh_tf/core/tree_state.hpp"
 #: The last three stand for programs that share no code with this project.
 OWN_CONFIGURATION = ("zenoh_config.py", "peer.py", "protocol_client.py", "ros2_robot.py")
@@ -124,7 +117,7 @@ def functions(repository: Repository) -> Iterator[Violation]:
         text = repository.text(path)
         found = _python_functions(text) if path.endswith(".py") else _native_functions(text)
         for line, lines in found:
-            if lines > MAX_FUNCTION_LINES and path not in LONG_FUNCTIONS:
+            if lines > MAX_FUNCTION_LINES:
                 problem = f"is a function of {lines} lines, of at most {MAX_FUNCTION_LINES}"
                 yield Violation(path, line, f"{problem}: split it")
 

@@ -25,20 +25,17 @@ std::optional<Rejected> commit(World& w, int n, Stamp stamp) {
   return w.commit({{nth("parent", n), nth("child", n), stamp, at_x(n)}}, {.drop_old = true});
 }
 
-}  // namespace
-
 // Each round has names and a pose of its own. Threads commit and look up those of the round that
 // they saw last, which may have been removed since.
-TEST_EACH_MODE(no_pose_is_found_under_another_name) {
-  World w(Options{.concurrency = c, .max_frames = 7});
-  std::atomic<int> round{0}, found{0}, waited{0}, written{0};
-  ThreadGroup threads;
-  const auto check = [&](const Answer& a, int n) {
+struct Rounds {
+  explicit Rounds(Concurrency c) : w(Options{.concurrency = c, .max_frames = 7}) {}
+
+  void check(const Answer& a, int n) {
     if (a.failure.code != Code::ok) return;
     CHECK_EQ(a.pose.x, static_cast<double>(n));
     ++found;
-  };
-  threads.background([&](const std::atomic<bool>& stop) {
+  }
+  void write(const std::atomic<bool>& stop) {
     for (Stamp stamp = 2; !stop; ++stamp) {
       const auto refused = commit(w, round, stamp);
       if (!refused)
@@ -46,17 +43,18 @@ TEST_EACH_MODE(no_pose_is_found_under_another_name) {
       else
         CHECK(refused->code == Code::limit || refused->code == Code::invalid_argument);
     }
-  });
-  threads.background([&](const std::atomic<bool>& stop) {
+  }
+  void read(const std::atomic<bool>& stop) {
     for (int i = 0; !stop; ++i) {
       const int n = round;
+      const std::string parent = nth("parent", n), child = nth("child", n);
       const Op op = i % 3 == 0 ? Op::latest : i % 3 == 1 ? Op::latest_xact : Op::at;
-      check(ask(w, nth("parent", n), nth("child", n),
+      check(ask(w, parent, child,
                 [&](FrameId target, FrameId source, Answer& a) {
                   w.tree.lookup({op, target, source, 1}, a);
                 }),
             n);
-      check(ask(w, nth("parent", n), nth("child", n),
+      check(ask(w, parent, child,
                 [&](FrameId target, FrameId source, Answer& a) {
                   const Query q{Op::latest_common, target, source};
                   ReadSet reads;
@@ -64,8 +62,8 @@ TEST_EACH_MODE(no_pose_is_found_under_another_name) {
                 }),
             n);
     }
-  });
-  threads.background([&](const std::atomic<bool>& stop) {
+  }
+  void wait(const std::atomic<bool>& stop) {
     while (!stop) {
       const int n = round;
       const std::string parent = nth("parent", n), child = nth("child", n);
@@ -74,8 +72,8 @@ TEST_EACH_MODE(no_pose_is_found_under_another_name) {
       check(waiter.answer(), n);
       ++waited;
     }
-  });
-  threads.foreground([&] {
+  }
+  void advance() {
     const auto enough = [&] { return found >= 50 && waited >= 5 && written >= 50; };
     for (int n = 1; n <= kRounds || !enough(); ++n) {
       while (const auto refused = commit(w, n, 1)) {
@@ -86,9 +84,23 @@ TEST_EACH_MODE(no_pose_is_found_under_another_name) {
       if (n % 4 == 0) std::this_thread::yield();
       (void)w.remove(nth("parent", n - 1), true);  // unless it was reset, or never came back
     }
-  });
+  }
+
+  World w;
+  std::atomic<int> round{0}, found{0}, waited{0}, written{0};
+};
+
+}  // namespace
+
+TEST_EACH_MODE(no_pose_is_found_under_another_name) {
+  Rounds rounds(c);
+  ThreadGroup threads;
+  threads.background([&](const std::atomic<bool>& stop) { rounds.write(stop); });
+  threads.background([&](const std::atomic<bool>& stop) { rounds.read(stop); });
+  threads.background([&](const std::atomic<bool>& stop) { rounds.wait(stop); });
+  threads.foreground([&] { rounds.advance(); });
   threads.join();
-  CHECK(w.tree.size() <= 7);
+  CHECK(rounds.w.tree.size() <= 7);
 }
 
 // A frame's past parents are removed, and their ids pass to frames that move it elsewhere.

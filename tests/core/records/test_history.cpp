@@ -78,20 +78,68 @@ class History {
   HistoryLimits limits;
 };
 
-}  // namespace
+// The samples of a history in a std::map, and what a history of these samples must say.
+struct Model {
+  HistoryLimits limits;
+  std::map<Stamp, std::pair<FrameId, double>> samples = {};
+  std::uint32_t evicted = 0;
 
-TEST(samples_stand_in_order_of_time) {
-  History h;
-  const std::vector<Sent> sent = {{0, 1}, {10, 2}, {5, 3}, {3, 4}, {8, 5}, {8, 6}, {8, 7}};
-  for (const Sent& s : sent) CHECK(h.put(s.stamp, s.parent).has_value());
-  const std::vector<Sent> expected = {{10, 2}, {8, 7}, {5, 3}, {3, 4}, {0, 1}};
-  CHECK(h.newest_first() == expected);
-  CHECK_EQ(*h.put(15, 8), InsertResult::added);
-  CHECK(!h.put(0, 9));
-  CHECK_EQ(*h.put(5, 10), InsertResult::replaced);
-  const std::vector<Sent> pruned = {{15, 8}, {10, 2}, {8, 7}, {5, 10}};
-  CHECK(h.newest_first() == pruned);
-}
+  std::optional<InsertResult> put(Stamp stamp, FrameId parent, double x) {
+    if (!samples.empty() && too_old(stamp, samples.rbegin()->first, limits.cache_ns))
+      return std::nullopt;
+    const bool replaces = samples.contains(stamp);
+    if (!replaces && samples.size() == limits.max_samples) {
+      if (stamp < samples.begin()->first) return InsertResult::rejected;
+      samples.erase(samples.begin());
+      ++evicted;
+    }
+    samples[stamp] = {parent, x};
+    while (too_old(samples.begin()->first, samples.rbegin()->first, limits.cache_ns))
+      samples.erase(samples.begin());
+    return replaces ? InsertResult::replaced : InsertResult::added;
+  }
+
+  void check_samples(const History& h) const {
+    const Stamp oldest = samples.begin()->first, newest = samples.rbegin()->first;
+    CHECK_EQ(h.frame->evicted.load(), evicted);
+    CHECK_EQ(h.frame->latest.stamp.load(), newest);
+    CHECK_EQ(oldest_served_stamp(*h.frame), oldest);
+    std::vector<Sent> newest_first;
+    std::uint32_t changes = 0;
+    for (auto it = samples.rbegin(); it != samples.rend(); ++it) {
+      newest_first.push_back({it->first, it->second.first});
+      changes += it != samples.rbegin() && it->second.first != std::prev(it)->second.first;
+    }
+    CHECK_EQ(h.frame->count.load(), samples.size());
+    CHECK(h.newest_first() == newest_first);
+    CHECK_EQ(h.frame->parent_changes.load(), changes);
+    CHECK_EQ(h.frame->samples_per_ns.load(),
+             changes ? 0 : mean_sample_rate(h.frame->count, oldest, newest));
+  }
+
+  void check_lookup(const History& h, Stamp asked) const {
+    const LinkLookup place = h.at(asked);
+    const auto after = samples.upper_bound(asked);
+    if (samples.size() == 1 && samples.begin()->first != asked) {
+      CHECK_EQ(place.status, Status::no_data);
+    } else if (after == samples.begin()) {
+      CHECK_EQ(place.status, Status::backward);
+    } else if (after == samples.end() && samples.rbegin()->first != asked) {
+      CHECK_EQ(place.status, Status::forward);
+    } else {
+      const auto& [stamp, sample] = *std::prev(after);
+      double value = sample.second;
+      if (after != samples.end() && after->second.first == sample.first)
+        value += (after->second.second - value) * static_cast<double>(asked - stamp) /
+                 static_cast<double>(after->first - stamp);
+      CHECK_EQ(place.status, Status::ok);
+      CHECK_EQ(place.parent, sample.first);
+      CHECK_NEAR(h.x(asked), value, 1e-9);
+    }
+  }
+};
+
+}  // namespace
 
 // An order of insertion that keeps the same samples leads to the same history: here in order of
 // time, where each insert appends, and in pairs that are swapped, where every other one is late.
@@ -125,64 +173,6 @@ TEST(late_samples_leave_the_history_that_samples_in_order_leave) {
   }
 }
 
-TEST(the_last_wins_at_every_equal_stamp) {
-  History h(100);
-  for (const Stamp t : {10, 14, 18}) {
-    h.put(t, 1, static_cast<double>(t));
-    CHECK_EQ(*h.put(t, 1, static_cast<double>(t) + 0.5), InsertResult::replaced);
-  }
-  for (const Stamp t : {10, 14, 18}) CHECK_EQ(h.x(t), static_cast<double>(t) + 0.5);
-  CHECK_EQ(h.x(12), 12.5);
-  CHECK_EQ(h.frame->count.load(), 3u);
-  for (int i = 0; i < 99; ++i) h.put(18, 2, 7);
-  CHECK_EQ(h.frame->count.load(), 3u);
-  CHECK_EQ(h.frame->parent.load(), 2u);
-}
-
-TEST(pruning_comes_after_the_insert) {
-  History h(10);
-  h.put(0, 1, 0);
-  h.put(100, 1, 100);
-  CHECK_EQ(h.frame->count.load(), 1u);
-  CHECK_EQ(h.at(50).status, Status::no_data);
-}
-
-TEST(too_old_begins_beyond_the_limit) {
-  History h(10);
-  h.put(100, 1, 100);
-  CHECK(!h.put(89, 1));
-  CHECK_EQ(*h.put(90, 1, 90), InsertResult::added);
-  CHECK_EQ(h.x(90), 90);
-  CHECK_EQ(h.x(95), 95);
-  h.put(101, 1, 101);
-  CHECK_EQ(h.at(95).status, Status::backward);
-  CHECK_EQ(h.at(99).status, Status::backward);
-}
-
-TEST(one_sample_serves_its_own_time_only) {
-  History h;
-  CHECK_EQ(h.at(0).status, Status::root);
-  h.put(5, 1, 5);
-  CHECK_EQ(h.x(5), 5);
-  for (const Stamp t : {4, 6, -1000, 1000}) CHECK_EQ(h.at(t).status, Status::no_data);
-  h.put(7, 1, 7);
-  CHECK_EQ(h.x(6), 6);
-  CHECK_EQ(h.at(4).status, Status::backward);
-  CHECK_EQ(h.at(8).status, Status::forward);
-}
-
-TEST(nothing_is_interpolated_between_two_parents) {
-  History h(1000);
-  h.put(555, 4, 1);
-  h.put(655, 5, 100);
-  for (Stamp t = 555; t < 655; ++t) {
-    CHECK_EQ(h.x(t), 1);
-    CHECK_EQ(h.at(t).parent, 4u);
-  }
-  CHECK_EQ(h.x(655), 100);
-  CHECK_EQ(h.at(655).parent, 5u);
-}
-
 TEST(static_and_dynamic_replace_each_other) {
   History h(1000);
   h.put(10, 1, 10);
@@ -200,22 +190,6 @@ TEST(static_and_dynamic_replace_each_other) {
   clear_history(*h.frame);
   CHECK_EQ(h.at(12).status, Status::root);
   CHECK_EQ(h.at(6).status, Status::root);
-}
-
-TEST(a_full_frame_evicts_its_oldest_sample) {
-  History h(1000, 4);
-  for (Stamp t = 1; t <= 4; ++t) CHECK_EQ(*h.put(10 * t, 1), InsertResult::added);
-  CHECK_EQ(*h.put(5, 1), InsertResult::rejected);
-  CHECK_EQ(h.newest_first().back().stamp, 10);
-  CHECK_EQ(*h.put(10, 2), InsertResult::replaced);
-  CHECK_EQ(h.frame->evicted.load(), 0u);
-  CHECK_EQ(*h.put(15, 3), InsertResult::added);
-  CHECK_EQ(h.frame->evicted.load(), 1u);
-  const std::vector<Sent> expected = {{40, 1}, {30, 1}, {20, 1}, {15, 3}};
-  CHECK(h.newest_first() == expected);
-  CHECK_EQ(*h.put(50, 1), InsertResult::added);
-  CHECK_EQ(h.frame->evicted.load(), 2u);
-  CHECK_EQ(h.newest_first().back().stamp, 20);
 }
 
 TEST(the_ends_of_time_are_times) {
@@ -244,8 +218,7 @@ TEST(any_history_is_that_of_a_sorted_map) {
     const std::uint32_t max_samples =
         round % 4 ? 64 : 1 + static_cast<std::uint32_t>(round) / 4 % 7;
     History h(cache, max_samples, round % 2 ? 0xFFFFFFFFu - static_cast<std::uint32_t>(round) : 0);
-    std::map<Stamp, std::pair<FrameId, double>> model;
-    std::uint32_t evicted = 0;
+    Model model{h.limits};
     Stamp now = 0;
     for (int i = 0; i < 300; ++i) {
       // Bursts, pauses over many magnitudes, and stragglers.
@@ -254,73 +227,11 @@ TEST(any_history_is_that_of_a_sorted_map) {
       if (generator() % 3 == 0) stamp -= static_cast<Stamp>(generator() % 4000);
       const auto parent = static_cast<FrameId>(1 + generator() % 8 / 7);
       const double x = static_cast<double>(generator() % 1000);
-      const auto result = h.put(stamp, parent, x);
-
-      std::optional<InsertResult> expected;
-      if (model.empty() || !too_old(stamp, model.rbegin()->first, cache)) {
-        expected = InsertResult::added;
-        if (model.contains(stamp)) {
-          expected = InsertResult::replaced;
-        } else if (model.size() == max_samples) {
-          if (stamp < model.begin()->first) {
-            expected = InsertResult::rejected;
-          } else {
-            model.erase(model.begin());
-            ++evicted;
-          }
-        }
-        if (expected != InsertResult::rejected) model[stamp] = {parent, x};
-        while (too_old(model.begin()->first, model.rbegin()->first, cache))
-          model.erase(model.begin());
-      }
-      CHECK(result == expected);
-      CHECK_EQ(h.frame->count.load(), model.size());
-      CHECK_EQ(h.frame->evicted.load(), evicted);
-      CHECK_EQ(h.frame->latest.stamp.load(), model.rbegin()->first);
-      CHECK_EQ(oldest_served_stamp(*h.frame), model.begin()->first);
-      std::uint32_t changes = 0;
-      for (auto it = model.begin(); std::next(it) != model.end(); ++it)
-        changes += it->second.first != std::next(it)->second.first;
-      CHECK_EQ(h.frame->parent_changes.load(), changes);
-      CHECK_EQ(h.frame->samples_per_ns.load(),
-               changes
-                   ? 0
-                   : mean_sample_rate(h.frame->count, model.begin()->first, model.rbegin()->first));
-      CHECK_EQ(h.newest_first().size(), model.size());
-      std::size_t at = model.size();
-      for (const Sent& sent : h.newest_first()) {
-        --at;
-        const auto expected_sample = std::next(model.begin(), static_cast<std::ptrdiff_t>(at));
-        CHECK((sent == Sent{expected_sample->first, expected_sample->second.first}));
-      }
-
-      const Stamp asked = now + 50 - static_cast<Stamp>(generator() % 4000);
-      const LinkLookup place = h.at(asked);
-      auto after = model.upper_bound(asked);
-      if (model.size() == 1 && model.begin()->first != asked) {
-        CHECK_EQ(place.status, Status::no_data);
-      } else if (after == model.begin()) {
-        CHECK_EQ(place.status, Status::backward);
-      } else if (after == model.end() && model.rbegin()->first != asked) {
-        CHECK_EQ(place.status, Status::forward);
-      } else {
-        const auto before = std::prev(after);
-        double value = before->second.second;
-        if (after != model.end() && after->second.first == before->second.first)
-          value += (after->second.second - value) * static_cast<double>(asked - before->first) /
-                   static_cast<double>(after->first - before->first);
-        CHECK_EQ(place.status, Status::ok);
-        CHECK_EQ(place.parent, before->second.first);
-        CHECK_NEAR(h.x(asked), value, 1e-9);
-      }
+      CHECK(h.put(stamp, parent, x) == model.put(stamp, parent, x));
+      model.check_samples(h);
+      model.check_lookup(h, now + 50 - static_cast<Stamp>(generator() % 4000));
     }
   }
-}
-
-TEST(ring_indices_may_overflow) {
-  History h(1000, 64, 0xFFFFFFFE);
-  for (Stamp t = 0; t < 10; ++t) h.put(10 * t, 1, static_cast<double>(10 * t));
-  for (Stamp t = 0; t <= 90; ++t) CHECK_EQ(h.x(t), static_cast<double>(t));
 }
 
 TEST(a_cursor_ignores_the_slots_of_a_ring_that_was_replaced) {

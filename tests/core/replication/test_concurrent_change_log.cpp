@@ -14,21 +14,38 @@ namespace {
 constexpr std::uint64_t kLogBytes = 64 << 20;
 const char* const kFrames[] = {"a", "b", "c", "d"};
 
-// Takes entries until `done` is true and nothing is left, and calls visit(entries, last).
-template <class Visit>
-void follow(ChangeLog& log, Seq position, const std::atomic<bool>& done, Visit&& visit) {
-  for (;;) {
-    const bool is_last = done;
-    log.wait(ChangeLog::Clock::now() + std::chrono::milliseconds(1));
-    ChangeLog::Taken taken = log.take(1 << 16);
-    CHECK(!taken.lost);
-    CHECK_EQ(taken.first, position + 1);
-    position = taken.last;
-    if (!taken.entries.empty()) visit(taken.entries, taken.last);
-    if (is_last && position == log.last_drawn()) return;
-    if (taken.lost) return;
+// Starts the log, and calls visit(entries, last) in a thread for what comes, until join(), which
+// returns when nothing is left.
+class Follower {
+ public:
+  using Visit = std::function<void(std::vector<LogEntryPtr>&, Seq)>;
+  Follower(ChangeLog& log, Visit visit)
+      : thread_([this, &log, position = log.start(), visit = std::move(visit)] {
+          follow(log, position, visit);
+        }) {}
+  void join() {
+    done_ = true;
+    thread_.join();
   }
-}
+
+ private:
+  void follow(ChangeLog& log, Seq position, const Visit& visit) {
+    for (;;) {
+      const bool is_last = done_;
+      log.wait(ChangeLog::Clock::now() + std::chrono::milliseconds(1));
+      ChangeLog::Taken taken = log.take(1 << 16);
+      CHECK(!taken.lost);
+      CHECK_EQ(taken.first, position + 1);
+      position = taken.last;
+      if (!taken.entries.empty()) visit(taken.entries, taken.last);
+      if (is_last && position == log.last_drawn()) return;
+      if (taken.lost) return;
+    }
+  }
+
+  std::atomic<bool> done_{false};
+  std::thread thread_;
+};
 
 // Calls pause() before each piece.
 void load_snapshot(Tree& from, Tree& to, const std::function<void()>& pause = [] {}) {
@@ -49,14 +66,22 @@ void load_snapshot(Tree& from, Tree& to, const std::function<void()>& pause = []
 TEST_EACH_MODE(the_numbers_are_a_serial_order) {
   World w(Options{.concurrency = c, .max_log_bytes = kLogBytes});
   for (const char* frame : kFrames) w.set("map", frame, 1);
-  ChangeLog& log = *w.tree.change_log();
-  const Seq start = log.start();
   std::map<std::string, double, std::less<>> versions;
   for (const char* frame : kFrames) versions[frame] = static_cast<double>(w.version(frame));
+  Follower follower(*w.tree.change_log(), [&](std::vector<LogEntryPtr>& entries, Seq) {
+    for (const LogEntryPtr& entry : entries) {
+      for (const Change& change : *entry)
+        CHECK_EQ(versions.find(entry->authority())->second, change.pose.x);
+      for (const Change& change : *entry) {
+        double& version = versions.find(entry->name(change.frame))->second;
+        CHECK(static_cast<double>(change.version) > version);
+        version = static_cast<double>(change.version);
+      }
+    }
+  });
 
   std::atomic<Stamp> clock{1};
   std::atomic<int> conflicts{0};
-  std::atomic<bool> done{false};
   ThreadGroup threads;
   for (unsigned seed = 1; seed <= 3; ++seed)
     threads.foreground([&, seed] {
@@ -73,22 +98,8 @@ TEST_EACH_MODE(the_numbers_are_a_serial_order) {
           ++conflicts;
       }
     });
-  std::thread consumer([&] {
-    follow(log, start, done, [&](std::vector<LogEntryPtr>& entries, Seq) {
-      for (const LogEntryPtr& entry : entries) {
-        for (const Change& change : *entry)
-          CHECK_EQ(versions.find(entry->authority())->second, change.pose.x);
-        for (const Change& change : *entry) {
-          double& version = versions.find(entry->name(change.frame))->second;
-          CHECK(static_cast<double>(change.version) > version);
-          version = static_cast<double>(change.version);
-        }
-      }
-    });
-  });
   threads.join();
-  done = true;
-  consumer.join();
+  follower.join();
   for (const char* frame : kFrames)
     CHECK_EQ(versions[frame], static_cast<double>(w.version(frame)));
   CHECK(conflicts > 0);
@@ -151,10 +162,11 @@ TEST(a_mirror_changes_at_one_instant) {
   World w(Options{.max_log_bytes = kLogBytes}), mirror;
   w.set("map", "base", 1, at_x(0));
   w.set("base", "arm", 1, at_x(0));
-  ChangeLog& log = *w.tree.change_log();
-  const Seq start = log.start();
+  ChangeReplay replay(mirror.tree.state());
+  Follower follower(*w.tree.change_log(), [&](const std::vector<LogEntryPtr>& entries, Seq last) {
+    replay.apply(changes_of(entries).view(), last);
+  });
   load_snapshot(w.tree, mirror.tree);
-  std::atomic<bool> done{false};
   std::atomic<int> seen{0};
   ThreadGroup threads;
   threads.foreground([&] {
@@ -173,64 +185,70 @@ TEST(a_mirror_changes_at_one_instant) {
       ++seen;
     }
   });
-  std::thread consumer([&] {
-    ChangeReplay replay(mirror.tree.state());
-    follow(log, start, done, [&](const std::vector<LogEntryPtr>& entries, Seq last) {
-      replay.apply(changes_of(entries).view(), last);
-    });
-  });
   threads.join();
-  done = true;
-  consumer.join();
+  follower.join();
   for (const char* frame : {"base", "arm"}) {
     CHECK_EQ(mirror.version(frame), w.version(frame));
     CHECK_EQ(mirror.info(frame).samples, w.info(frame).samples);
   }
 }
 
+// Moves frames, which come and go with visitors, until the test stops it; counts its rounds.
+static void move_frames(World& w, unsigned seed, const std::atomic<bool>& stop,
+                        std::atomic<int>& rounds) {
+  std::minstd_rand random(seed);
+  for (Stamp stamp = 1; !stop; ++stamp, ++rounds) {
+    const std::string child = kFrames[random() % 4];
+    const std::string visitor = nth("visitor", random() % 16);
+    const std::string parent = random() % 4 == 0 ? "odom" : random() % 4 == 0 ? visitor : "map";
+    (void)w.commit({{parent, child, stamp, at_x(1)}}, {.drop_old = true});
+    if (parent == visitor) (void)w.commit({{"map", child, ++stamp, at_x(1)}}, {.drop_old = true});
+    if (random() % 2 == 0)  // unless it is a parent just now
+      (void)w.remove(nth("visitor", random() % 16));
+    if (random() % 128 == 0) (void)w.remove(child, true);
+    if (random() % 512 == 0) w.tree.reset();
+  }
+}
+
+static void check_equal(const World& mirror, const World& w, const char* frame) {
+  const FrameId theirs = w.id(frame), ours = mirror.id(frame);
+  CHECK_EQ(theirs == 0, ours == 0);
+  if (theirs == 0 || ours == 0) return;
+  const FrameInfo info = w.tree.info(theirs);
+  CHECK_EQ(mirror.tree.version(ours), w.tree.version(theirs));
+  CHECK_EQ(mirror.tree.info(ours).samples, info.samples);
+  const auto check_parents = [&](Stamp stamp) {
+    CHECK_EQ(mirror.tree.name(mirror.tree.parent(ours, stamp)),
+             w.tree.name(w.tree.parent(theirs, stamp)));
+  };
+  check_parents(kNoStamp);
+  if (info.samples != 0)
+    for (Stamp stamp = info.oldest; stamp <= info.newest; ++stamp) check_parents(stamp);
+}
+
 // Snapshots are taken while frames come and go, and at the limit of frames, so that names lose
 // their ids and samples their past parents. Each, with the changes after it, is the tree.
 TEST(a_snapshot_among_writers_becomes_the_tree) {
   World w(Options{.max_frames = 16, .max_log_bytes = kLogBytes});
-  ChangeLog& log = *w.tree.change_log();
-  const Seq start = log.start();
+  std::vector<std::pair<std::vector<LogEntryPtr>, Seq>> taken;
   std::vector<std::unique_ptr<World>> mirrors;
-  std::atomic<bool> done{false};
-  std::atomic<int> writes{0};
+  std::atomic<int> rounds{0};
   ThreadGroup threads;
-  for (unsigned seed = 1; seed <= 2; ++seed)
-    threads.background([&, seed](const std::atomic<bool>& stop) {
-      std::minstd_rand random(seed);
-      for (Stamp stamp = 1; !stop; ++stamp, ++writes) {
-        const std::string child = kFrames[random() % 4];
-        const std::string visitor = nth("visitor", random() % 16);
-        const std::string parent = random() % 4 == 0 ? "odom" : random() % 4 == 0 ? visitor : "map";
-        (void)w.commit({{parent, child, stamp, at_x(1)}}, {.drop_old = true});
-        if (parent == visitor)
-          (void)w.commit({{"map", child, ++stamp, at_x(1)}}, {.drop_old = true});
-        if (random() % 2 == 0)  // unless it is a parent just now
-          (void)w.remove(nth("visitor", random() % 16));
-        if (random() % 128 == 0) (void)w.remove(child, true);
-        if (random() % 512 == 0) w.tree.reset();
-      }
-    });
+  Follower follower(*w.tree.change_log(), [&](std::vector<LogEntryPtr>& entries, Seq last) {
+    taken.emplace_back(std::move(entries), last);
+  });
+  threads.background(
+      2, [&](int seed, const std::atomic<bool>& stop) { move_frames(w, seed + 1, stop, rounds); });
   threads.foreground([&] {
     for (int i = 0; i < 20; ++i) {
       mirrors.push_back(std::make_unique<World>());
       load_snapshot(w.tree, mirrors.back()->tree, [&] {  // long enough that ids are freed
-        for (const int before = writes; writes < before + 40;) std::this_thread::yield();
+        for (const int before = rounds; rounds < before + 40;) std::this_thread::yield();
       });
     }
   });
-  std::vector<std::pair<std::vector<LogEntryPtr>, Seq>> taken;
-  std::thread consumer([&] {
-    follow(log, start, done, [&](std::vector<LogEntryPtr>& entries, Seq last) {
-      taken.emplace_back(std::move(entries), last);
-    });
-  });
   threads.join();
-  done = true;
-  consumer.join();
+  follower.join();
   std::size_t orphans = 0;
   for (const auto& mirror : mirrors) {
     ChangeReplay replay(mirror->tree.state());
@@ -239,20 +257,7 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
       orphans += changes.lost.size();
       replay.apply(changes.view(), last);
     }
-    for (const char* frame : {"map", "odom", "a", "b", "c", "d"}) {
-      const FrameId theirs = w.id(frame), ours = mirror->id(frame);
-      CHECK_EQ(theirs == 0, ours == 0);
-      if (theirs == 0 || ours == 0) continue;
-      CHECK_EQ(mirror->tree.version(ours), w.tree.version(theirs));
-      CHECK_EQ(mirror->tree.info(ours).samples, w.tree.info(theirs).samples);
-      CHECK_EQ(mirror->tree.name(mirror->tree.parent(ours, kNoStamp)),
-               w.tree.name(w.tree.parent(theirs, kNoStamp)));
-      const FrameInfo info = w.tree.info(theirs);
-      if (info.samples != 0)
-        for (Stamp stamp = info.oldest; stamp <= info.newest; ++stamp)
-          CHECK_EQ(mirror->tree.name(mirror->tree.parent(ours, stamp)),
-                   w.tree.name(w.tree.parent(theirs, stamp)));
-    }
+    for (const char* frame : {"map", "odom", "a", "b", "c", "d"}) check_equal(*mirror, w, frame);
   }
   CHECK(orphans > 0);
 }
