@@ -31,20 +31,6 @@ def test_any_text_survives_a_key(name: str) -> None:
     assert zenoh.KeyExpr("tf/v1/*/lookup").includes(zenoh.KeyExpr(key))
 
 
-@given(st.text(max_size=30), st.text(max_size=30))
-def test_different_names_have_different_keys(a: str, b: str) -> None:
-    assert (keys.escape(a) == keys.escape(b)) == (a == b)
-
-
-@given(st.text(max_size=30))
-def test_a_name_has_one_spelling(chunk: str) -> None:
-    try:
-        name = keys.unescape(chunk)
-    except InvalidArgumentException:
-        return
-    assert keys.escape(name) == chunk
-
-
 @pytest.mark.parametrize("chunk", ["", "%2f", "%41", "a%", "%ZZ", "%FF", "*", "**", "a b"])
 def test_spellings_that_escape_never_makes_are_refused(chunk: str) -> None:
     with pytest.raises(InvalidArgumentException):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,8 +27,6 @@ from zenoh_tf.errors import (
     TransactionConflict,
 )
 from zenoh_tf_client import TransformClient
-
-REQUEST_TYPES = ("lookup", "commit", "batch", "info", "admin")
 
 
 def commit(stamp_ns: int = 1, x: float = 0.0, child: str = "base", **more: Any) -> wire.Message:
@@ -107,12 +104,6 @@ def test_batches_and_clear_run_once_too(wires: Raw, client: TransformClient) -> 
     client.set_transform(StampedTransform("map", "base", 9, Transform()))
     wires.query("admin", clear)
     assert client.can_transform("map", "base")
-
-
-def test_hello_is_no_info(wires: Raw) -> None:
-    error = wires.error("info", wire.call_body("hello"))
-    assert isinstance(error, InvalidArgumentException)
-    assert error.field == "what"
 
 
 def test_expiry_is_in_the_servers_clock(wires: Raw, client: TransformClient) -> None:
@@ -193,51 +184,12 @@ def _wait(tf: TransformClient, counter: str, value: int) -> None:
     wait_until(lambda: tf.stats()[counter] >= value, tf.stats)
 
 
-def garbage(seed: int) -> Iterator[bytes]:
-    """Random bytes, truncated and damaged messages, and headers that claim gigabytes."""
-    rng = random.Random(seed)
-    lookup = wire.pack(wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP))
-    real = [
-        lookup,
-        wire.pack(commit(id=os.urandom(16))),
-        wire.pack(wire.batch_body([("commit", commit()), ("lookup", wire.unpack(lookup))])),
-        wire.pack(wire.call_body("chain", target="a", source="b")),
-    ]
-    yield b""
-    yield b"\xdd\xff\xff\xff\xff"
-    yield b"\xdf\xff\xff\xff\xff"
-    yield b"\xc6\xff\xff\xff\xff"
-    yield b"\x91" * 50_000
-    yield b"\xdc\xff\xff" * 1000
-    for message in real:
-        yield message[: rng.randrange(1, len(message))]
-        for _ in range(6):
-            damaged = bytearray(message)
-            for _ in range(rng.randrange(1, 4)):
-                damaged[rng.randrange(len(damaged))] = rng.randrange(256)
-            yield bytes(damaged)
-    for _ in range(6):
-        yield rng.randbytes(rng.randrange(1, 300))
-
-
-def test_garbage_harms_nobody(server: ServerProcess, wires: Raw, client: TransformClient) -> None:
-    client.set_transform(StampedTransform("map", "truth", 1, Transform()))
-    seed = random.randrange(1 << 32)
-    print("seed", seed)
-    for payload in garbage(seed):
-        for request_type in REQUEST_TYPES[:-1]:
-            wires.query(request_type, payload)  # any reply will do
-        wires.put("broken", payload)
-        wires.put("broken", payload, static=True)
+def test_calls_that_do_not_exist(wires: Raw) -> None:
     assert isinstance(wires.error("lookup", None), ProtocolError)
-    assert isinstance(wires.error("admin", wire.call_body("drop")), InvalidArgumentException)
-    assert isinstance(wires.error("info", wire.call_body("gold")), InvalidArgumentException)
-    assert client.lookup_transform("map", "truth").stamp_ns == 1
-    assert client.stats()["bad_puts"] > 10
-    assert "put of 'broken': ProtocolError" in server.log
-    assert server.log.count("put of 'broken'") < 10  # a bounded rate
-    assert "internal error" not in server.log
-    assert "Traceback" not in server.log
+    for request_type, what in (("admin", "drop"), ("info", "gold"), ("info", "hello")):
+        error = wires.error(request_type, wire.call_body(what))
+        assert isinstance(error, InvalidArgumentException)
+        assert error.field == "what"
 
 
 @pytest.mark.own_server
@@ -314,10 +266,3 @@ def test_one_put_is_all_or_nothing(wires: Raw, client: TransformClient) -> None:
     _wait(client, "puts", before["puts"] + 1)
     assert sorted(client.frames()) == ["a", "b", "map"]
     assert client.frame("a").authority == "sensor"
-
-
-def test_poses_that_are_no_poses(wires: Raw, client: TransformClient) -> None:
-    for values in ((float("nan"),) * 7, (0, 0, 0, 0, 0, 0, 0), (float("inf"), 0, 0, 0, 0, 0, 1)):
-        body = commit() | {"pose": struct.pack("<7d", *values)}
-        assert isinstance(wires.error("commit", body), InvalidArgumentException)
-    assert client.frames() == []
