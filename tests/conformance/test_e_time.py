@@ -129,6 +129,7 @@ def test_E05_backward_and_forward(tf: Tree) -> None:
             look(tf, "foo", "bar", seconds)
         facts = error.value
         assert (facts.frame, facts.parent_frame, facts.stamp_ns) == ("bar", "foo", ns(seconds))
+        assert (facts.target_frame, facts.source_frame) == ("foo", "bar")
         assert (facts.oldest_stamp_ns, facts.newest_stamp_ns) == (ns(2), ns(3))
     for missing in (
         NoDataForExtrapolationException,

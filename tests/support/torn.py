@@ -1,7 +1,7 @@
 """Torn reads: a chain whose x translations sum to zero in every transaction.
 
-The sum is exact in float64, so any other sum mixes two transactions. The same writers and readers
-run on the embedded tree (threads) and on a server (processes).
+The sum is exact in float64, so any other sum mixes two transactions. Writers and readers run as
+processes on a server; `tests/core/lookups/test_concurrent_reads.cpp` has the same of threads.
 """
 
 from __future__ import annotations

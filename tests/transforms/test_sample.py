@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -12,8 +11,6 @@ from numpy.typing import NDArray
 from tests.processes.servers import ServerProcess
 from tests.support.concurrency import CONTROLS
 from zenoh_tf import (
-    BackwardExtrapolationException,
-    ForwardExtrapolationException,
     InvalidArgumentException,
     StampedTransform,
     Transform,
@@ -102,16 +99,6 @@ def test_as_one_by_one(tree: TransformTree, name: str) -> None:
         check(tree.sample(target, source, stamps), tree, target, source, stamps)
 
 
-def test_errors_stand_in_their_rows(tree: TransformTree) -> None:
-    stamps = np.arange(-10, 410) * 5 * MS
-    status = tree.sample("map", "camera", stamps).status
-    assert set(status[stamps < MS].tolist()) == {BackwardExtrapolationException.code}
-    newest = tree.latest_common_time("map", "camera")
-    assert newest is not None
-    assert set(status[stamps > newest].tolist()) == {ForwardExtrapolationException.code}
-    assert not status[(stamps >= MS) & (stamps <= newest)].any()
-
-
 def test_pairs_change_from_row_to_row(tree: TransformTree) -> None:
     random = np.random.default_rng(3)
     rows = np.repeat(random.integers(0, len(PAIRS), 60), random.integers(1, 40, 60))
@@ -126,34 +113,11 @@ def test_pairs_change_from_row_to_row(tree: TransformTree) -> None:
         np.testing.assert_allclose(many.poses[where], poses, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        lambda stamps: stamps.tolist(),
-        lambda stamps: stamps.astype(np.int32),
-        lambda stamps: np.repeat(stamps, 2)[::2],  # not contiguous
-        lambda stamps: stamps.astype(">i8"),
-    ],
-)
-def test_stamps_of_any_integers(tree: TransformTree, kind: Callable[[Any], Any]) -> None:
-    stamps = STAMPS["at samples"]
-    check(tree.sample("map", "camera", kind(stamps)), tree, "map", "camera", stamps)
-
-
 @pytest.mark.parametrize("stamps", [[0.5], np.zeros((2, 3), np.int64), ["now"], [[1], [2, 3]]])
 def test_invalid_stamps(tree: TransformTree, stamps: Any) -> None:
     with pytest.raises(InvalidArgumentException) as caught:
         tree.sample("map", "camera", stamps)
     assert caught.value.field == "stamps_ns"
-
-
-def test_rows_that_failed_are_nan(tree: TransformTree) -> None:
-    """They were the identity, a plausible pose."""
-    sampled = tree.sample("map", "camera", STAMPS["sorted"])
-    assert not sampled.ok.all()
-    assert sampled.ok.any()
-    assert np.isnan(sampled.poses[~sampled.ok]).all()
-    assert np.isfinite(sampled.poses[sampled.ok]).all()
 
 
 def test_remote(any_server: ServerProcess) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import subprocess
 import sys
 from typing import Any
@@ -13,10 +12,8 @@ import pytest
 from zenoh_tf import (
     BackwardExtrapolationException,
     InvalidArgumentException,
-    StampedTransform,
     Transform,
     TransformArray,
-    TransformTree,
 )
 
 spatial: Any = pytest.importorskip("scipy.spatial.transform", reason="SciPy is not installed")
@@ -126,18 +123,6 @@ def test_stacks_of_rigid_transforms() -> None:
     for rows in (slice(0, 1), slice(0, 4)):
         with pytest.raises(InvalidArgumentException):
             from_rigid_transform(stack[rows])
-
-
-def test_the_tree_interpolates_as_scipy_does() -> None:
-    for a, b in itertools.pairwise(SOME):
-        tree = TransformTree()
-        tree.set_transform(StampedTransform("map", "base", 0, a))
-        tree.set_transform(StampedTransform("map", "base", 1000, b))
-        stamps_ns = np.array([0, 1, 300, 999, 1000])
-        path = to_rotation(tree.sample("map", "base", stamps_ns))
-        ends = spatial.Rotation.from_quat([a.rotation, b.rotation])
-        expected = spatial.Slerp([0, 1000], ends)(stamps_ns)
-        np.testing.assert_allclose((path.inv() * expected).magnitude(), 0, atol=1e-13)
 
 
 @pytest.mark.parametrize(

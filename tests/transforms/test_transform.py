@@ -15,7 +15,6 @@ from zenoh_tf import (
     LatestTransform,
     StampedTransform,
     Transform,
-    TransformArray,
 )
 
 
@@ -88,15 +87,6 @@ def test_stamps_are_whole_nanoseconds_of_64_bits() -> None:
     assert StampedTransform("a", "b", np.int64(5), Transform()).stamp_ns == 5  # type: ignore[arg-type]
 
 
-def test_columns_of_a_transform_array() -> None:
-    poses = np.array([[1, 2, 3, 0, 0, 0, 1.0], [4, 5, 6, 1, 0, 0, 0]])
-    array = TransformArray(np.zeros(2, np.uint8), np.array([7, 8]), poses)
-    assert len(array) == 2
-    np.testing.assert_array_equal(array.translations, poses[:, :3])
-    np.testing.assert_array_equal(array.rotations, poses[:, 3:])
-    assert array[1] == Transform((4, 5, 6), (1, 0, 0, 0))
-
-
 def test_reprs_evaluate_to_the_same_value() -> None:
     a = Transform((0.1, -1e-300, 1 / 3), (0, 0, 0.6, 0.8))
     s = StampedTransform("map", "it's", -5, a)
@@ -126,19 +116,6 @@ def test_from_rpy_is_tf2s_set_rpy(angles: Any, rotation: Any) -> None:
     np.testing.assert_allclose(a.rotation, rotation, atol=1e-15)
     np.testing.assert_array_equal(a.translation, [1, 2, 3])
     assert a == Transform.from_rpy(roll, pitch, yaw, (1, 2, 3))
-
-
-def test_from_rpy_rotates_about_fixed_axes_x_then_y_then_z() -> None:
-    def about(axis: int, angle: float) -> Transform:
-        rotation = [0.0, 0.0, 0.0, np.cos(angle / 2)]
-        rotation[axis] = np.sin(angle / 2)
-        return Transform(rotation=rotation)
-
-    roll, pitch, yaw = 0.4, -0.7, 2.1
-    expected = about(2, yaw) @ about(1, pitch) @ about(0, roll)
-    np.testing.assert_allclose(
-        Transform.from_rpy(roll, pitch, yaw).rotation, expected.rotation, atol=1e-15
-    )
 
 
 def test_rpy_is_the_inverse_of_from_rpy() -> None:

@@ -222,19 +222,3 @@ def test_repr_and_pickle() -> None:
     assert repr(random_array({1: 9, 2: 9})) == "TransformArray(7 rows, 2 failed)"
     copy = pickle.loads(pickle.dumps(A))
     np.testing.assert_array_equal(copy.poses, A.poses)
-
-
-def test_sampled_points_against_single_lookups() -> None:
-    tree = TransformTree()
-    for stamp_ns, a in enumerate(A):
-        tree.set_transform(StampedTransform("map", "lidar", stamp_ns * 1000, a))
-    stamps_ns = np.arange(ROWS) * 1000 + 400  # the last is too new
-    path = tree.sample("map", "lidar", stamps_ns)
-    assert path.status.tolist() == [0] * (ROWS - 1) + [FORWARD]
-    moved = path.apply(POINTS)
-    for row, stamp_ns in enumerate(stamps_ns[:-1].tolist()):
-        single = tree.lookup_transform("map", "lidar", stamp_ns).transform.apply(POINTS[row])
-        np.testing.assert_allclose(moved[row], single, rtol=0, atol=1e-12)
-    assert np.isnan(moved[-1]).all()
-    with pytest.raises(ForwardExtrapolationException):
-        path.raise_for_status()

@@ -65,22 +65,6 @@ def check(velocity: Velocity, linear: Any, angular: Any) -> None:
     np.testing.assert_allclose(velocity.angular, angular, atol=1e-12)
 
 
-def test_uniform_circular_motion(tree: TransformTree) -> None:
-    move(tree, "map", "car", circle)
-    chord = np.sin(0.05) / 0.05  # the origin moves along an arc, its displacement is the chord
-    velocity = tree.lookup_velocity("car", "map", S // 2)
-    check(velocity, chord * np.array([-np.sin(0.5), np.cos(0.5), 0]), (0, 0, 1))
-    np.testing.assert_allclose(velocity.linear, (-0.479, 0.878, 0), atol=1e-3)
-    # in its own axes a car drives to one side; seen from it the map turns to the other
-    ahead = tree.lookup_velocity("car", "map", S // 2, reference_frame="car")
-    check(ahead, (0, chord, 0), (0, 0, 1))
-    assert (ahead.reference_frame, ahead.observation_frame) == ("car", "map")
-    check(tree.lookup_velocity("map", "car", S // 2), (0, 0, 0), (0, 0, -1))
-    # a window of half the length is closer to the arc
-    short = tree.lookup_velocity("car", "map", S // 2, 0.02)
-    assert np.linalg.norm(short.linear) == pytest.approx(np.sin(0.01) / 0.01, abs=1e-12)
-
-
 def test_a_point_off_the_axis(tree: TransformTree) -> None:
     move(tree, "map", "disk", lambda t: turned("z", 2 * t, (5.0, 0.0, 0.0)))
     rim = tree.lookup_velocity("disk", "map", S // 2, reference_point=(0.5, 0, 0.3))

@@ -81,16 +81,6 @@ def test_a_removed_frame_comes_back_empty_with_the_next_set(tf: Tf) -> None:
     assert tf.frames() == ["cup", "map"]
 
 
-def test_a_removed_root_comes_back_as_a_parent(tf: Tf) -> None:
-    put(tf, "map", "base", 1)
-    tf.remove_frame("base")
-    tf.remove_frame("map")
-    assert tf.frames() == []
-    put(tf, "map", "odom", 1)
-    assert tf.frames() == ["map", "odom"]
-    assert tf.can_transform("map", "odom")
-
-
 def test_a_parent_is_not_removed_from_under_its_children(tf: Tf) -> None:
     put(tf, "map", "base", 1)
     put(tf, "base", "arm", 1)
@@ -113,17 +103,6 @@ def test_a_subtree_is_removed_at_once(tf: Tf) -> None:
     assert sorted(tf.frames()) == ["map", "r2"]
     tf.remove_frame("map", subtree=True)
     assert tf.frames() == []
-
-
-def test_a_former_parent_can_be_removed(tf: Tf) -> None:
-    put(tf, "old", "base", 1)
-    put(tf, "new", "base", 2)
-    tf.remove_frame("old")
-    assert not tf.can_transform("old", "base", SECOND)
-    # A link in the past that names it creates it again.
-    put(tf, "old", "base", 0.5)
-    assert "old" in tf.frames()
-    assert tf.can_transform("old", "base", SECOND // 2)
 
 
 def test_invalid_names_cannot_be_removed(tf: Tf) -> None:
@@ -157,21 +136,6 @@ def test_reset_drops_samples_static_links_and_names(tf: Tf) -> None:
     assert tf.frames() == []
 
 
-def test_reset_of_an_empty_tree(tf: Tf) -> None:
-    tf.reset()
-    assert tf.frames() == []
-    put(tf, "map", "base", 1)
-    assert tf.can_transform("map", "base")
-
-
-def test_a_late_transform_is_dropped(make_tf: MakeTf) -> None:
-    tf = make_tf(time_jump="reject")
-    put(tf, "map", "base", 100)
-    assert not put(tf, "map", "base", 1)
-    assert tf.frame("base").dropped == 1
-    assert tf.stats()["time_jumps"] == 0
-
-
 def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="clear")
     put(tf, "map", "base", 100)
@@ -196,29 +160,6 @@ def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None
     tf.set_transforms_xact([StampedTransform("base", "arm", 1_100_000_000, Transform())])
     assert tf.stats()["time_jumps"] == 2
     assert tf.can_transform("map", "arm")
-
-
-@pytest.mark.parametrize("between", [100.1, 95.0])
-@pytest.mark.own_server
-def test_good_transforms_between_late_ones_keep_the_history(
-    make_tf: MakeTf, between: float
-) -> None:
-    tf = make_tf(time_jump="clear")
-    for stamp in (99, 100):
-        put(tf, "map", "base", stamp)
-    for late in range(1, 20):
-        assert not put(tf, "map", "base", late)
-        assert put(tf, "map", "base", between + late / 100)
-    assert tf.stats()["time_jumps"] == 0
-    assert tf.can_transform("map", "base", 99 * SECOND)
-
-
-def test_late_transforms_far_apart_keep_the_history(make_tf: MakeTf) -> None:
-    tf = make_tf(time_jump="clear")
-    put(tf, "map", "base", 100)
-    for late in (60, 1, 20, 40, 39, 38, 15):  # older than the last one, or by more than 10 s newer
-        assert not put(tf, "map", "base", late)
-    assert tf.frame("base").newest_stamp_ns == 100 * SECOND
 
 
 @pytest.mark.parametrize("time_jump", ["reject", "clear"])

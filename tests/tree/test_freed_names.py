@@ -60,53 +60,6 @@ def test_a_full_tree_has_room_after_a_removal(make_tf: MakeTf) -> None:
         tf.lookup_transform("map", "b28")
 
 
-def test_a_reset_makes_room_for_all(make_tf: MakeTf) -> None:
-    tf = make_tf(4)
-    for index in range(5):
-        for name in ("a", "b", "c"):
-            tf.set_transform(pose("map", f"{name}{index}", 1))
-        with pytest.raises(LimitExceeded):
-            tf.set_transform(pose("map", "one too many", 1))
-        tf.reset()
-        assert tf.frames() == []
-
-
-def test_a_new_frame_has_nothing_of_the_one_before(make_tf: MakeTf) -> None:
-    tf = make_tf(3)
-    tf.set_transform(pose("map", "old", 5), authority="first")
-    tf.set_transform(pose("map", "old", 5, 2.0), authority="second")  # replaces a sample
-    before = tf.stats()
-    assert (before["rewritten"], tf.frame("old").authority_changes) == (1, 1)
-    tf.remove_frame("old")
-    tf.set_transform(pose("map", "other", 9))
-    tf.set_transform(pose("other", "new", 9))
-    assert "old" not in tf.frames()
-    for name in ("other", "new"):
-        info = tf.frame(name)
-        assert (info.rewritten, info.authority_changes, info.last_change) == (0, 0, None)
-        assert info.samples == 1
-    assert tf.stats()["rewritten"] == 1  # the tree's count never falls
-
-
-def test_a_past_link_does_not_lead_to_the_next_frame(make_tf: MakeTf) -> None:
-    tf = make_tf(4)
-    tf.set_transform(pose("map", "shelf", 1))
-    tf.set_transform(pose("map", "shelf", 9))
-    tf.set_transform(pose("shelf", "cup", 1))
-    tf.set_transform(pose("map", "cup", 9))
-    assert tf.parent("cup", 1) == "shelf"
-    tf.remove_frame("shelf")
-    tf.set_transform(pose("map", "other", 1))
-    tf.set_transform(pose("map", "other", 9))
-    tf.set_transform(pose("map", "another", 9))
-    assert tf.parent("cup", 1) is None
-    with pytest.raises(ConnectivityException):
-        tf.lookup_transform("map", "cup", 1)
-    last = tf.frame("cup").last_change
-    assert last is not None
-    assert last.parent_before is None
-
-
 def test_a_transaction_conflicts_if_its_frame_was_removed_and_came_back(
     lend_server: LendServer,
 ) -> None:
