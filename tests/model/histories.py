@@ -72,7 +72,7 @@ class _Making:
 
     def _write(self) -> Call:
         authority = self.random.choice(("", "odometry", "camera"))
-        match self._one_of({"set": 30, "xact": 8, "clear": 0.7, "remove": 1}):
+        match self._one_of({"set": 30, "xact": 8, "clear": 0.7, "remove": 1, "reset": 0.1}):
             case "set":
                 return Call("set_transform", (self._row(), authority, self.random.random() < 0.12))
             case "xact":
@@ -80,6 +80,8 @@ class _Making:
                 return Call("set_transforms_xact", (rows, authority, self.random.random() < 0.1))
             case "remove":
                 return Call("remove_frame", (self._frame(), self.random.random() < 0.5))
+            case "reset":
+                return Call("reset", ())
         return Call("clear", (self.random.random() < 0.7,))
 
     def _row(self) -> Row:

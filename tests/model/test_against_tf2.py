@@ -102,8 +102,8 @@ class Prepared:
         self.asked: dict[int, Asked] = {}  # by place in calls
 
     def write(self, call: Call) -> None:
-        if call.method == "remove_frame":
-            return  # tf2 has none
+        if call.method in ("remove_frame", "reset"):
+            return  # tf2 has neither
         if call.method == "clear":  # tf2 has no other one
             for tree in (self.tree, self.ours, self.theirs):
                 tree.clear()

@@ -39,6 +39,7 @@ EVENTS = {
     "refused: not a rotation",
     "set_transforms_xact: done",
     "clear: done",
+    "reset: done",
     "lookup_transform: LookupException",
     "lookup_transform: ConnectivityException",
     "lookup_transform: InvalidArgumentException",
