@@ -16,7 +16,6 @@ from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf.errors import (
     ConnectivityException,
     ExtrapolationException,
-    ForwardExtrapolationException,
     InvalidArgumentException,
     LookupException,
     ServerBusy,
@@ -120,18 +119,6 @@ def test_every_answer_is_the_embedded_trees(any_server: ServerProcess) -> None:
                 assert mine[0] is theirs[0] is InvalidArgumentException
             else:
                 assert mine == theirs, name
-
-
-def test_errors_carry_their_facts(client: TransformClient) -> None:
-    fill(client)
-    with pytest.raises(ForwardExtrapolationException) as caught:
-        client.lookup_transform("map", "base", 9 * S)
-    error = caught.value
-    assert isinstance(error, ExtrapolationException)
-    assert (error.target_frame, error.source_frame) == ("map", "base")
-    assert error.stamp_ns == 9 * S
-    assert (error.frame, error.newest_stamp_ns) in (("base", 4 * S), ("odom", 3 * S))
-    assert error.parent_frame and error.oldest_stamp_ns
 
 
 def test_arrays(client: TransformClient) -> None:

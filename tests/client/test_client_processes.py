@@ -12,7 +12,8 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.servers import ServerProcess
-from tests.support.concurrency import CONTROLS, FRAME_LOCKS
+from tests.support import torn
+from tests.support.concurrency import CONTROLS
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
@@ -35,37 +36,6 @@ with TransformClient.connect(sys.argv[1]) as tf:
     for _ in range(int(sys.argv[2])):
         tf.run_transaction(add, attempts=1000)
 print(json.dumps(attempts))
-"""
-
-CHAIN = """
-import json, random, sys, time
-from zenoh_tf import StampedTransform, Transform
-from zenoh_tf_client import TransformClient
-
-LINKS = 8
-
-def write(tf):
-    # One time for all: of two transactions one is then the newer on every link.
-    now = time.time_ns()
-    steps = [random.randrange(-1000, 1000) for _ in range(LINKS - 1)]
-    tf.set_transforms_xact([
-        StampedTransform(f"l{i}", f"l{i + 1}", now, Transform((x, 0, 0)))
-        for i, x in enumerate([*steps, -sum(steps)])
-    ])
-
-def read(tf):
-    if tf.lookup_latest_transform_xact("l0", f"l{LINKS}").transform.translation[0] != 0:
-        raise SystemExit("torn")
-
-with TransformClient.connect(sys.argv[1]) as tf:
-    print("ready", flush=True)
-    sys.stdin.readline()
-    end = time.monotonic() + float(sys.argv[2])
-    calls = 0
-    while time.monotonic() < end:
-        globals()[sys.argv[3]](tf)
-        calls += 1
-print(json.dumps(calls))
 """
 
 
@@ -107,38 +77,17 @@ def test_no_update_is_lost(start_server: StartServer, concurrency: str) -> None:
         assert sum(attempts) > 200, "no transaction was retried, so the test proves nothing"
 
 
-@pytest.mark.parametrize("concurrency", FRAME_LOCKS)
-def test_no_read_is_torn(start_server: StartServer, concurrency: str) -> None:
-    server = start_server("--concurrency", concurrency)
-    with server.connect() as tf:
-        tf.set_transforms_xact(
-            [StampedTransform(f"l{i}", f"l{i + 1}", 1, Transform()) for i in range(8)]
-        )
-    calls = run_together(CHAIN, *[(server.endpoint, "1.5", kind) for kind in ["write", "read"] * 2])
-    assert min(calls) > 50, f"too little happened: {calls}"
-
-
 def test_a_client_killed_in_a_write_leaves_no_torn_state(
     server: ServerProcess, client: TransformClient
 ) -> None:
-    client.set_transforms_xact(
-        [StampedTransform(f"l{i}", f"l{i + 1}", 1, Transform()) for i in range(8)]
-    )
-    process = forks.Popen(
-        [sys.executable, "-c", CHAIN, server.endpoint, "30", "write"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    assert process.stdout is not None
-    process.stdout.readline()
+    script = [sys.executable, torn.__file__, "write", server.endpoint, "100", "1"]
     before = client.stats()["commits"]
-    assert process.stdin is not None
-    process.stdin.write("go\n")
-    process.stdin.flush()
+    process = forks.Popen(script, stdout=subprocess.PIPE)
     while client.stats()["commits"] < before + 20:
         assert process.poll() is None
     process.kill()
     process.communicate()
-    answer = client.lookup_latest_transform_xact("l0", "l8")
+    answer = client.lookup_latest_transform_xact(torn.ROOT, torn.LEAF)
     assert answer.transform.translation[0] == 0
-    assert client.set_transform(StampedTransform("l0", "l1", time.time_ns(), Transform()))
+    link = StampedTransform(torn.ROOT, "link1", time.time_ns(), Transform())
+    assert client.set_transform(link)

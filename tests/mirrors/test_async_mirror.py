@@ -9,7 +9,6 @@ import threading
 import pytest
 
 from tests.processes.servers import ServerProcess
-from tests.processes.tcp_proxy import TcpProxy
 from tests.support.asynchronous import connected
 from tests.support.small_robot import stamped
 from tests.support.waiting import wait_until
@@ -22,7 +21,6 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import (
     AsyncMirror,
     AsyncTransaction,
-    AsyncTransformClient,
     Mirror,
     OutsideInterest,
     Receipt,
@@ -116,35 +114,6 @@ async def test_the_loop_goes_on_while_lookups_wait(server: ServerProcess) -> Non
             assert not await m.can_transform("map", "base", 4, timeout_s=0.05)
             with pytest.raises(InvalidArgumentException):
                 await m.lookup_transform("map", "base", 4, timeout_s=-1)
-
-
-async def test_a_state_that_is_too_old_is_not_read(server: ServerProcess) -> None:
-    pair = ("map", "base")
-    async with await AsyncTransformClient.connect(server.endpoint) as writer:
-        await writer.set_transform(stamped("base", 1))
-        with TcpProxy(server.endpoint) as proxy:
-            async with (
-                await AsyncTransformClient.connect(
-                    proxy.endpoint, timeout_s=1, reads="query"
-                ) as tf,
-                await tf.mirror() as m,
-            ):
-                proxy.hold()
-                while m.age_s <= 0.3:
-                    await asyncio.sleep(0.01)
-                await writer.set_transform(stamped("base", 2))
-                assert (await m.lookup_latest_transform(*pair)).stamp_ns == 1
-                assert (await m.lookup_latest_transform(*pair, max_age_s=1000)).stamp_ns == 1
-                for asking in (
-                    m.lookup_latest_transform(*pair, max_age_s=0.3),
-                    m.lookup_latest_transform_xact(*pair, max_age_s=0.3),
-                    m.lookup_latest_transforms_xact([pair], max_age_s=0.3),
-                ):
-                    with pytest.raises(ServerUnavailable):
-                        await asking
-                proxy.release()
-                found = await m.lookup_latest_transform_xact(*pair, max_age_s=-1)
-                assert found.stamp_ns == 2
 
 
 async def test_a_gate(server: ServerProcess) -> None:

@@ -62,15 +62,6 @@ def test_replies_of_another_instance_are_not_taken() -> None:
     network.settle()
 
 
-def test_honest_repeats_are_no_contradiction() -> None:
-    for seed in range(20):
-        network = Network(seed, loss=0.3)
-        for _ in range(100):
-            network.step()
-        network.settle()
-        assert network.mirroring.contradictions == 0
-
-
 @pytest.mark.parametrize(
     ("key", "instance"),
     [

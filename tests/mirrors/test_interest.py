@@ -21,7 +21,7 @@ from zenoh_tf.errors import (
     ServerBusy,
     TransformException,
 )
-from zenoh_tf_client import OutsideInterest, Transaction, TransformClient
+from zenoh_tf_client import OutsideInterest, TransformClient
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.streams.interests import Interests
 
@@ -133,31 +133,6 @@ def test_removed_cleared_and_reset(client: TransformClient) -> None:
         robot(client, 1)  # an earlier time
         m.wait_for()
         assert m.lookup_transform(*pair).stamp_ns == 1
-
-
-def test_transactions(server: ServerProcess, client: TransformClient) -> None:
-    """Increments by mirrors of pairs, and by a thinned one: no update is lost."""
-    client.set_transforms_xact([stamped("a", 1), stamped("b", 1)])
-
-    def step(tx: Transaction) -> None:
-        found = tx.lookup_latest_transform_xact("a", "b")
-        a = tx.lookup_latest_transform_xact("map", "a")
-        assert found.transform.translation[0] == 0
-        x, stamp = a.transform.translation[0] + 1, a.stamp_ns + 1
-        tx.set_transform(stamped("a", stamp, x))
-        tx.set_transform(stamped("b", stamp, x))
-
-    with (
-        server.connect() as other,
-        client.mirror([("a", "b")], max_delay_s=0) as one,
-        other.mirror([("map", "b"), ("map", "a")]) as two,
-        other.mirror([("a", "b")], max_rate_hz=20) as three,
-    ):
-        for _ in range(20):
-            one.run_transaction(step, attempts=1000)
-            two.run_transaction(step, attempts=1000)
-            three.run_transaction(step, attempts=1000)
-        assert client.lookup_transform("map", "b").transform.translation[0] == 60
 
 
 def test_a_thinned_mirror(server: ServerProcess, client: TransformClient) -> None:

@@ -161,6 +161,7 @@ def test_losses_are_repaired(seed: int, frees_ids: bool) -> None:
         network.step()
     network.settle()
     assert network.mirroring.snapshots == 1
+    assert network.mirroring.contradictions == 0  # its repeats are honest
     assert len(network.seen) > 20
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import fcntl
-import mmap
 import os
 import signal
 import socket
@@ -13,22 +11,18 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.processes import forks
 from tests.support import torn
 from tests.support.waiting import wait_until
 from zenoh_tf import (
-    LookupException,
     StampedTransform,
-    TransactionConflict,
     Transform,
     TransformTree,
     _core,
 )
-from zenoh_tf._core import TransformRows
-from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
+from zenoh_tf.shared_tree import AskServer, SharedTree
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -131,94 +125,6 @@ def test_whatever_a_killed_owner_left_is_read_without_waiting(owner: Owner, atte
         assert x_of(tree.lookup_transform(torn.ROOT, torn.LEAF)) in (0.0, *AskServer)
 
 
-def test_answers_and_errors_are_the_owners() -> None:
-    tree = shared()
-    tree.set_transform(LINK, authority="lidar")
-    tree.set_transform(StampedTransform("base", "camera", 0, Transform()), static=True)
-    reader = SharedTree(tree._region_fd())
-    assert reader.instance == "one"
-    assert reader.lookup_transform("map", "camera", 5) == tree.lookup_transform("map", "camera", 5)
-    assert reader.lookup_transform_full("map", 5, "base", 5, "map") == tree.lookup_transform_full(
-        "map", 5, "base", 5, "map"
-    )
-    assert reader.can_transform("map", "base", 5) is True
-    assert reader.can_transform("map", "base", 6) is False
-    assert reader.latest_common_time("map", "base") == 5
-    assert reader.latest_common_time("base", "camera") is None
-    assert reader.frames() == tree.frames()
-    assert reader.parent("map") is None and reader.parent("base") == "map"
-    assert reader.chain("map", "camera") == ["map", "base", "camera"]
-    assert reader.frame("base") == tree.frame("base")
-    many = reader.lookup_transforms("map", ["base", "camera"], 5)
-    assert not isinstance(many, AskServer)
-    assert np.array_equal(many.status, [0, 0])
-    with pytest.raises(LookupException, match="frame 'nobody' does not exist"):
-        reader.lookup_transform("map", "nobody")
-    for late in (6, 4):
-        errors = []
-        for each in (tree, reader):
-            with pytest.raises(Exception, match="extrapolation") as caught:
-                each.lookup_transform("map", "base", late)
-            errors.append(caught.value)
-        assert type(errors[0]) is type(errors[1]) and str(errors[0]) == str(errors[1])
-
-
-def test_what_is_waited_for_is_left_to_the_server() -> None:
-    tree = shared()
-    tree.set_transform(LINK)
-    reader = SharedTree(tree._region_fd())
-    assert reader.lookup_transform("map", "nobody", timeout_s=5) is AskServer.WAITING
-    assert reader.can_transform("map", "base", 6, timeout_s=5) is AskServer.WAITING
-    assert reader.lookup_transform("map", "base", 5, timeout_s=5) == LINK
-
-
-def test_a_transaction_reads_here_and_is_validated_by_the_owner() -> None:
-    tree = shared()
-    tree.set_transform(LINK)
-    reader = SharedTree(tree._region_fd())
-
-    def read() -> tuple[list[str], np.ndarray]:
-        rows = reader._read_rows(
-            ["map", "base", "nobody"],
-            np.array([_core.OP_LATEST_XACT, _core.OP_LATEST_XACT], "u1"),
-            np.array([0, 0], "u4"),
-            np.array([1, 2], "u4"),
-            np.zeros(2, "i8"),
-            atomic=True,
-            versions=True,
-        )
-        assert not isinstance(rows, AskServer)
-        assert rows[0].tolist() == [0, LookupException.code] and rows[5] is not None
-        return rows[5]
-
-    def commit(names: list[str], versions: np.ndarray) -> None:
-        newest = tree.frame("base").newest_stamp_ns
-        assert newest is not None
-        tree._commit_rows(
-            TransformRows.of([StampedTransform("map", "base", newest + 1, Transform())]),
-            read_names=names,
-            read_versions=versions,
-        )
-
-    names, versions = read()
-    assert dict(zip(names, versions.tolist(), strict=True))["nobody"] == 0
-    commit(names, versions)
-    with pytest.raises(TransactionConflict):
-        commit(names, versions)
-    commit(*read())
-
-
-def test_nothing_is_answered_without_a_lease() -> None:
-    tree = TransformTree(max_frames=1000, _shared=True)
-    tree.set_transform(LINK)
-    reader = SharedTree(tree._region_fd())
-    assert reader.lookup_transform("map", "base") is AskServer.LAPSED
-    tree._begin_lease(3600)
-    assert reader.lookup_transform("map", "base") == LINK
-    tree._begin_lease(0)
-    assert reader.lookup_transform("map", "base") is AskServer.LAPSED
-
-
 def test_a_keeper_extends_the_lease_while_python_is_busy() -> None:
     tree = TransformTree(max_frames=1000, _shared=True)
     tree.set_transform(LINK)
@@ -238,14 +144,6 @@ def test_a_keeper_extends_the_lease_while_python_is_busy() -> None:
     keeper.end()
 
 
-def test_the_tree_of_an_owner_that_has_ended_is_not_believed() -> None:
-    tree = shared()
-    tree.set_transform(LINK)
-    reader = SharedTree(tree._region_fd())
-    del tree
-    assert reader.lookup_transform("map", "base") is AskServer.LAPSED
-
-
 def test_a_forked_child_does_not_end_the_lease() -> None:
     script = """
 import os
@@ -260,43 +158,6 @@ else:
     os._exit(0)
 """
     forks.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=150)
-
-
-def test_a_region_can_be_read_but_not_written() -> None:
-    tree = shared()
-    fd = tree._region_fd()
-    assert os.fstat(fd).st_mode & 0o777 == 0o400
-    assert fcntl.fcntl(fd, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY
-    with pytest.raises(OSError, match="Bad file descriptor"):
-        os.posix_fallocate(fd, 0, 1 << 24)
-    with pytest.raises(OSError, match="Bad file descriptor"):
-        os.write(fd, b"x")
-    for size in (0, 1 << 40):
-        with pytest.raises(OSError, match="Invalid argument"):
-            os.truncate(fd, size)
-    with pytest.raises(PermissionError):
-        mmap.mmap(fd, 4096, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
-
-
-def test_a_region_that_cannot_be_read_is_refused_with_a_reason() -> None:
-    tree = shared()
-    fd = tree._region_fd()
-    with mmap.mmap(fd, 4096, mmap.MAP_SHARED, mmap.PROT_READ) as mapped:
-        header = bytearray(mapped)
-    for place, reason in ((0, "not a region"), (8, "has layout 3"), (16, "layout 2 ")):
-        other = os.memfd_create("other", os.MFD_ALLOW_SEALING)
-        try:
-            changed = bytearray(header)
-            changed[place] ^= 1
-            os.write(other, changed)
-            os.truncate(other, os.fstat(fd).st_size)
-            with pytest.raises(RegionRefused, match="sealed"):
-                SharedTree(other)
-            fcntl.fcntl(other, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
-            with pytest.raises(RegionRefused, match=reason):
-                SharedTree(other)
-        finally:
-            os.close(other)
 
 
 def test_a_tree_that_is_not_shared_has_no_region() -> None:

@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.conftest import StartServer
@@ -302,17 +301,6 @@ def test_a_socket_in_another_folder_is_found(
         monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
         with server.connect(reads="shared") as tf:
             assert tf.reads == "shared"
-
-
-def test_velocities_and_arrays_are_shared(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="shared") as tf:
-        for k in range(3):
-            tf.set_transform(StampedTransform("map", "base", k * 10**9, Transform((2 * k, 0, 0))))
-        velocity = tf.lookup_velocity("base", "map", 10**9, 1.0)
-        assert np.allclose(velocity.linear, (2, 0, 0))
-        path = tf.sample("map", "base", [0, 10**9]).translations
-        assert np.allclose(path[:, 0], (0, 2))
-        assert asked(tf) == 0
 
 
 def test_a_forked_child_does_not_read(start_sharing: StartServer) -> None:

@@ -73,19 +73,6 @@ def test_a_snapshot_and_the_changes_after_it_are_the_tree(
     assert (orphans > 0) == (max_frames == FEW_FRAMES)
 
 
-def test_the_changes_before_a_snapshot_do_no_harm() -> None:
-    for seed in range(20):
-        tree, log = logged()
-        writer = Writer(tree, seed)
-        position = log.start()
-        for _ in range(100):
-            writer.write()
-        mirror = Mirror()
-        mirror.load(log, 256, writer.write)
-        drain(log, mirror.replay, position)
-        assert state(mirror.tree) == state(tree), f"seed {seed}"
-
-
 @pytest.mark.parametrize("max_frames", [64, FEW_FRAMES])
 @pytest.mark.parametrize("concurrency", CONTROLS)
 def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> None:
@@ -117,30 +104,6 @@ def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> N
     expected = state(tree)
     for mirror in mirrors:
         assert state(mirror.tree) == expected
-
-
-@pytest.mark.parametrize("concurrency", CONTROLS)
-def test_mirrors_made_while_writers_free_ids(concurrency: str) -> None:
-    """They are compared at once: the samples that lose parents are soon pruned."""
-    for seed in range(12):
-        tree, log = logged(concurrency, FEW_FRAMES)
-        position = log.start()
-        writers = [Writer(tree, 3 * seed + i, visits=True) for i in range(3)]
-        mirrors = []
-        with beside(*(writer.write_until for writer in writers)):
-            for _ in range(6):
-                mirror = Mirror()
-                seq, _ = mirror.load(log, 256, lambda: None)
-                mirrors.append((mirror, seq))
-        while position < log.last:
-            _, position, lost, changes = log.take(1)
-            assert not lost
-            for mirror, seq in mirrors:
-                if position > seq and changes is not None:
-                    mirror.replay.apply(position, *changes)
-        expected = state(tree)
-        for mirror, _ in mirrors:
-            assert state(mirror.tree) == expected
 
 
 def test_ids_that_pass_to_new_names() -> None:

@@ -23,7 +23,7 @@ from tests.support.logged_trees import (
     logged,
     state,
 )
-from tests.support.threads import beside, switching
+from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader
 from zenoh_tf.errors import ExtrapolationException, TransformException
@@ -335,35 +335,3 @@ def test_reads_beside_writers_are_of_one_instant(concurrency: str) -> None:
             seen |= stamps
     follow(mirror, reader)
     assert mirror_state(mirror) == {name: state(tree)[name] for name in state(mirror.tree)}
-
-
-def test_what_is_sent_beside_writers_has_a_new_number() -> None:
-    """A mirror accepts changes only under a number that it does not have yet."""
-    tree, log = logged()
-    names = [f"f{i}" for i in range(8)]
-
-    def link(name: str, number: int) -> StampedTransform:
-        return StampedTransform("root", name, 1, Transform((number, 0, 0)))
-
-    for name in names:
-        tree.set_transform(link(name, 0), static=True)
-    reader = InterestReader(tree, [(name, "root") for name in names], False)
-    mirror = Mirror(max_frames=4096)
-    last = follow(mirror, reader, begin=True)
-
-    def write(ending: threading.Event) -> None:
-        number = 0
-        while not ending.is_set():
-            number += 1
-            tree.set_transform(link(names[number % len(names)], number), static=True)
-
-    with switching(1e-5), beside(write):
-        end_s = time.monotonic() + 1
-        while time.monotonic() < end_s:
-            seq, _, changes, _ = reader.read(False, MANY)
-            assert changes is None or seq > last
-            if changes is not None:
-                mirror.replay.apply(seq, *changes)
-            last = seq
-    assert follow(mirror, reader) == log.last
-    assert mirror_state(mirror) == state(tree)

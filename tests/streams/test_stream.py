@@ -127,45 +127,6 @@ def stats(server: ServerProcess) -> dict[str, int]:
         return tf.stats()
 
 
-def test_a_listener_gets_the_tree_and_its_changes(server: ServerProcess) -> None:
-    with server.connect() as tf, listening(server) as listener:
-        for i in range(50):
-            tf.set_transform(stamped(f"before{i}", i + 1, i))
-        tf.set_transform(stamped("table", 1), static=True, authority="calibration")
-        listener.load()
-        assert listener.tree.frames() == tf.frames()
-        assert listener.tree.frame("table").authority == "calibration"
-        assert listener.tree.frame("table").static
-        tf.set_transform(stamped("arm", 7, 3.0), authority="wheels")
-        listener.follow(lambda: "arm" in listener.tree.frames())
-        found = listener.tree.lookup_transform("before6", "arm", 7)
-        assert found.transform == tf.lookup_transform("before6", "arm", 7).transform
-        assert listener.tree.frame("arm").version == tf.frame("arm").version
-        assert listener.tree.frame("arm").authority == "wheels"
-        tf.remove_frame("before3")
-        listener.follow(lambda: "before3" not in listener.tree.frames())
-        tf.clear(keep_static=True)
-        listener.follow(lambda: listener.tree.parent("arm") is None)
-        assert listener.tree.parent("table") == "map"
-        tf.reset()
-        listener.follow(lambda: listener.tree.frames() == [])
-
-
-def test_puts_of_sensors_are_streamed(server: ServerProcess) -> None:
-    with server.connect() as tf, listening(server) as listener:
-        listener.load()
-        sensor = tf.broadcaster("wheels")
-        for stamp in range(1, 500):
-            sensor.send([stamped("base", stamp, stamp), stamped("mast", stamp)])
-        listener.follow(
-            lambda: (
-                "mast" in listener.tree.frames()
-                and listener.tree.frame("mast").newest_stamp_ns == 499
-            )
-        )
-        assert listener.tree.frame("base").samples == tf.frame("base").samples
-
-
 def test_a_silent_server_sends_heartbeats(server: ServerProcess) -> None:
     with listening(server) as listener:
         listener.load()
