@@ -6,11 +6,13 @@ import json
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 
 import pytest
 
 from tests.conftest import StartServer
 from tests.processes import forks
+from tests.processes.line_process import LineProcess
 from tests.processes.servers import ServerProcess
 from tests.support import torn
 from tests.support.concurrency import CONTROLS
@@ -41,29 +43,11 @@ print(json.dumps(attempts))
 
 def run_together(code: str, *arguments: tuple[str, ...]) -> list[int]:
     """Run a client process per tuple of arguments, all at once; return what they print."""
-    processes = [
-        forks.Popen(
-            [sys.executable, "-c", code, *args],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        for args in arguments
-    ]
-    try:
+    with ExitStack() as running:
+        processes = [running.enter_context(LineProcess("-c", code, *each)) for each in arguments]
         for process in processes:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-        for process in processes:
-            assert process.stdin is not None
-            process.stdin.write("go\n")
-            process.stdin.flush()
-        outputs = [process.communicate(timeout=150)[0] for process in processes]
-        assert [process.returncode for process in processes] == [0] * len(processes)
-        return [json.loads(output) for output in outputs]
-    finally:
-        for process in processes:
-            process.kill()
-            process.communicate()
+            process.say("go")
+        return [json.loads(process.read_line()) for process in processes]
 
 
 @pytest.mark.parametrize("concurrency", CONTROLS)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
+
+from tests.support.waiting import wait_until
 
 from .shorthand import Tree
 
@@ -30,10 +31,7 @@ def asking(tf: Tree, question: Callable[[], T], waiters: int = 1) -> Iterator[Fu
 
 def settle(tf: Tree, waiters: int = 0) -> None:
     """Wait until so many lookups wait. A woken lookup needs a moment until it waits again."""
-    deadline_s = time.monotonic() + SOON_S
-    while (waiting := tf.stats()["waiters"]) != waiters:
-        assert time.monotonic() < deadline_s, f"{waiting} waiters, not {waiters}"
-        time.sleep(0.001)
+    wait_until(lambda: tf.stats()["waiters"] == waiters, tf.stats)
 
 
 def assert_waits(tf: Tree, future: Future[T]) -> None:

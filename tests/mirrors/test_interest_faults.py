@@ -103,16 +103,15 @@ def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> Non
         assert m.lookup_transform(*pair).stamp_ns == 399
         stopped.go_on()
         expected = {name: client.frame(name).version for name in m.frames()}
-        wait_until(lambda: stopped.ask()["versions"] == expected, "it does not catch up")
+        wait_until(lambda: stopped.state()["versions"] == expected, "it does not catch up")
 
 
 def test_a_killed_client_leaves_nothing(server: ServerProcess, client: TransformClient) -> None:
     robot(client, 1)
     with MirrorProcess(server.endpoint, "pair", "map", "gripper") as killed:
         assert client.stats()["interests"] == 1
-        killed.process.kill()
+        killed.kill()
         wait_until(lambda: client.stats()["interests"] == 0, "a dead client's interest is left")
-        killed.process.wait()
 
 
 def test_garbage_on_the_stream(server: ServerProcess, client: TransformClient) -> None:

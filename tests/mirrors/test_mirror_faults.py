@@ -76,9 +76,9 @@ def test_a_stopped_mirror(server: ServerProcess) -> None:
         wait_until(lambda: len(stamps) > at + 100, "the writer is held up")
         wait_until(lambda: check_whole(other) >= stamps[at + 100], "the other mirror is held up")
         stopped.go_on()
-        wait_until(lambda: stopped.ask()["seq"] > other.seq - 200, "it does not catch up")
+        wait_until(lambda: stopped.state()["seq"] > other.seq - 200, "it does not catch up")
     with MirrorProcess(server.endpoint) as fresh:
-        wait_until(lambda: is_equal(server, fresh.ask()["versions"]), "not equal")
+        wait_until(lambda: is_equal(server, fresh.state()["versions"]), "not equal")
 
 
 @pytest.mark.parametrize("fault", ["cut", "reset", "hold"])
@@ -117,8 +117,8 @@ def test_a_mirror_that_is_too_slow(start_server: StartServer) -> None:
                     at = stamps[-1]
                     wait_until(lambda at=at: check_whole(other) > at, "held up")  # type: ignore[misc]
                     time.sleep(0.1)
-                assert slow.ask()["seq"] > 0
-            wait_until(lambda: is_equal(server, slow.ask()["versions"]), "it does not catch up")
+                assert slow.state()["seq"] > 0
+            wait_until(lambda: is_equal(server, slow.state()["versions"]), "it does not catch up")
 
 
 def test_a_restarted_server(start_server: StartServer) -> None:

@@ -8,65 +8,26 @@ is one of this pair of frames.
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
 import sys
 import time
-from typing import Any, Self
+from typing import Any
 
 from zenoh_tf import TransformException
 from zenoh_tf.mirrors.mirroring import Mirroring
 from zenoh_tf_client import Mirror, TransformClient
 
-from . import forks
+from .line_process import LineProcess
 
 
-class MirrorProcess:
+class MirrorProcess(LineProcess):
     """A running one."""
 
     def __init__(self, endpoint: str, *arguments: str) -> None:
-        self.process = forks.Popen(
-            [sys.executable, "-m", "tests.processes.mirror_process", endpoint, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        self.first = self._read()
+        super().__init__("-m", "tests.processes.mirror_process", endpoint, *arguments)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.process.send_signal(signal.SIGCONT)
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()  # it ends then
-        try:
-            self.process.wait(20)
-        finally:
-            self.process.kill()
-            self.process.wait()
-            self.process.stdout.close()
-
-    def ask(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Where it is: `seq`, `instance`, `age_s`, `synced`, `snapshots` and `versions`."""
-        assert self.process.stdin is not None
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-        return self._read()
-
-    def freeze(self) -> None:
-        """Stop all of its threads, and return when they have stopped."""
-        self.process.send_signal(signal.SIGSTOP)
-        forks.wait_until_stopped(self.process.pid)
-
-    def go_on(self) -> None:
-        self.process.send_signal(signal.SIGCONT)
-
-    def _read(self) -> dict[str, Any]:
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        assert line, "the mirror's process has ended"
-        found: dict[str, Any] = json.loads(line)
+        found: dict[str, Any] = json.loads(self.ask())
         return found
 
 

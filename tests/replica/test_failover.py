@@ -209,7 +209,7 @@ def test_reads_continue_when_a_router_is_lost(primary: ServerProcess) -> None:
             near.freeze()
             wait_until(lambda: reading.are_at(far.endpoint), "somebody has not moved")
             is_fresh(reading, last)
-            near.wake()
+            near.go_on()
             wait_until(lambda: reading.are_at(near.endpoint), "somebody does not return")
             is_fresh(reading, last)
             near.kill()

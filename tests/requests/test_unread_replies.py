@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +9,7 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes import forks
+from tests.processes.line_process import LineProcess
 from tests.processes.servers import ServerProcess
 from tests.support.raw import raw
 from zenoh_tf import StampedTransform, Transform, wire
@@ -27,56 +25,22 @@ OUTAGE_S = 4.0
 ROWS = 100_000
 
 
-class ReaderProcess:
+class ReaderProcess(LineProcess):
     """A `reader_process`, to freeze."""
 
     def __init__(self, endpoint: str, rows: int, count: int) -> None:
         script = Path(__file__).parents[1] / "processes/reader_process.py"
-        self.process = forks.Popen(
-            [sys.executable, str(script), endpoint, str(rows), str(count)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        assert self._line() == "ready"
-
-    def ask(self) -> None:
-        self._say("ask")
-        assert self._line() == "sent"
+        super().__init__(script, endpoint, str(rows), str(count))
 
     def ask_and_freeze(self) -> None:
         """Ask, and read nothing of the replies."""
-        self._say("ask and freeze")
-        forks.wait_until_stopped(self.process.pid)
-        assert self._line() == "sent"
-
-    def freeze(self) -> None:
-        self.process.send_signal(signal.SIGSTOP)
-        forks.wait_until_stopped(self.process.pid)
-
-    def thaw(self) -> None:
-        self.process.send_signal(signal.SIGCONT)
+        assert self.ask("ask and freeze") == "sent"
+        forks.wait_until_stopped(self.pid)
 
     def counts(self) -> tuple[int, int]:
         """How many lookups were answered and refused, once all have ended."""
-        self._say("count")
-        answered, refused = map(int, self._line().split())
+        answered, refused = map(int, self.ask("count").split())
         return answered, refused
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                pipe.close()
-
-    def _say(self, line: str) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(line + "\n")
-        self.process.stdin.flush()
-
-    def _line(self) -> str:
-        assert self.process.stdout is not None
-        return self.process.stdout.readline().strip()
 
 
 StartReader = Callable[..., ReaderProcess]
@@ -124,7 +88,7 @@ def test_frozen_clients(server: ServerProcess, start_reader: StartReader, frozen
             reader.freeze()
         work_beside(server, tf, rounds(8))
         for reader in readers:
-            reader.thaw()
+            reader.go_on()
         # A client that was away for less than Zenoh's lease has lost nothing.
         assert [reader.counts() for reader in readers] == [(8, 0)] * frozen
 
@@ -168,7 +132,7 @@ def test_requests_of_a_client_with_many_unread_replies_are_refused(
             tf.lookup_transform("map", "base")  # another client is not refused
         while counters["pending_queries"]:
             counters = tf.stats()
-        reader.thaw()
+        reader.go_on()
         answered, refused = reader.counts()
         assert answered + refused == 20
         assert answered >= 1

@@ -11,9 +11,10 @@ from tests.client.test_client_recorded import answer, ask
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from tests.support.recorded import needs_recording, questions, transforms
+from tests.support.waiting import wait_until
 from zenoh_tf_client import TransformClient
 
-from .conftest import AHEAD, Peer, StartPeer, authorities, make_server, position, wait_for
+from .conftest import AHEAD, Peer, StartPeer, authorities, make_server, position
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,7 @@ def test_prefixes_by_session(start_server: StartServer, start_peer: StartPeer, k
     with server.connect() as tf:
         assert position(tf, f"{zid}/base_link", f"{zid}/laser") == [1.0, 0.0, 0.0]
         if not known:
-            wait_for(lambda: tf.stats()["bad_puts"] == 1)
+            wait_until(lambda: tf.stats()["bad_puts"] == 1)
             refused = authorities(tf)["ros2:0/tf#eeeeeeee"].last_refusal
             assert "--ros2-prefix session" in str(refused)
         assert not {"map", "base_link"} & set(tf.frames())
@@ -86,7 +87,7 @@ def test_the_recorded_run(start_server: StartServer, start_peer: StartPeer) -> N
         (peer.send_static if static else peer.send)("n", rows)
         sent += len(rows)
     with server.connect() as tf:
-        wait_for(lambda: stored(tf) == sent)
+        wait_until(lambda: stored(tf) == sent)
         asked = questions()
         for start in range(0, len(asked), 250):
             with tf.batch() as batch:

@@ -19,9 +19,10 @@ from typing import Any
 import pytest
 
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 
-from .conftest import AHEAD, Peer, make_server, position, wait_for, wait_for_authority
+from .conftest import AHEAD, Peer, make_server, position, wait_for_authority
 
 OLD = "1.5.1"  # the Zenoh of ROS 2 Jazzy's and Kilted's first packages
 FOREIGN = Path(__file__).with_name("foreign.py")
@@ -78,9 +79,9 @@ def test_a_node_on_an_old_zenoh(
             tf.set_transform(StampedTransform("map", "old", time.time_ns(), Transform(AHEAD[:3])))
             return peer.heard()
 
-        wait_for(heard)
+        wait_until(heard)
         late.listen("tf_static", humble)
-        wait_for(
+        wait_until(
             lambda: any(row[:2] == ["map", name] for _, _, rows in late.heard() for row in rows)
         )
 
@@ -130,7 +131,7 @@ def test_another_package(server: ServerProcess, package: str, module: str) -> No
                     tf.set_transform(link)
                     return bool(heard)
 
-                wait_for(set_until_heard)
+                wait_until(set_until_heard)
                 assert heard[0] == ["map", "drone", stamp_ns, [1, 2, 3]]
         finally:
             process.kill()

@@ -12,6 +12,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._core import TransformRows
 from zenoh_tf.ros2.cdr import JointState, encode_joint_state, encode_tf_message
@@ -25,7 +26,6 @@ from .conftest import (
     authorities,
     make_server,
     position,
-    wait_for,
     wait_for_authority,
 )
 
@@ -70,7 +70,7 @@ def test_equal_nodes_of_two_sessions_have_two_names(
 ) -> None:
     peers = [start_peer(server.endpoint) for _ in range(2)]
     zids = [peer.node("n", "twin", 0, "nav") for peer in peers]
-    wait_for(lambda: tf.stats()["ros2_publishers"] >= 4)
+    wait_until(lambda: tf.stats()["ros2_publishers"] >= 4)
     for number, peer in enumerate(peers):
         peer.send("n", [("twin_odom", "twin_base", time.time_ns() + number, AHEAD)])
         name = f"ros2:0/twin/nav@{zids[number][:8]}"
@@ -125,11 +125,11 @@ def test_statics_that_are_sent_again_are_not_stored_again(tf: TransformClient, p
     for _ in range(3):
         peer.send_static("n", rows)
     peer.send_static("n", [*rows[1:], ("again_base", "again_3", 1, AHEAD)])  # a delta is merged
-    wait_for(lambda: "again_3" in tf.frames())
+    wait_until(lambda: "again_3" in tf.frames())
     assert authorities(tf)["ros2:0/again/robot"].stored == 4
     changed = ("again_base", "again_0", 2, (5.0, *AHEAD[1:]))
     peer.send_static("n", [changed])
-    wait_for(lambda: position(tf, "again_base", "again_0") == [5.0, 0.0, 0.0])
+    wait_until(lambda: position(tf, "again_base", "again_0") == [5.0, 0.0, 0.0])
 
 
 def test_statics_of_a_node_that_is_made_again(tf: TransformClient, peer: Peer) -> None:
@@ -137,11 +137,11 @@ def test_statics_of_a_node_that_is_made_again(tf: TransformClient, peer: Peer) -
     peer.node("n", "renewed", 0, "first")
     for x in (1.0, 2.0, 3.0):
         peer.send_static("n", [("renewed_base", "renewed_arm", 1, (x, *AHEAD[1:]))])
-    wait_for(lambda: "renewed_arm" in tf.frames())
-    wait_for(lambda: position(tf, "renewed_base", "renewed_arm") == [3.0, 0.0, 0.0])
+    wait_until(lambda: "renewed_arm" in tf.frames())
+    wait_until(lambda: position(tf, "renewed_base", "renewed_arm") == [3.0, 0.0, 0.0])
     peer.node("n", "renewed", 0, "second")
     peer.send_static("n", [("renewed_base", "renewed_arm", 1, (9.0, *AHEAD[1:]))])
-    wait_for(lambda: position(tf, "renewed_base", "renewed_arm") == [9.0, 0.0, 0.0])
+    wait_until(lambda: position(tf, "renewed_base", "renewed_arm") == [9.0, 0.0, 0.0])
 
 
 def test_statics_that_are_sent_again_after_a_reset_come_back(
@@ -150,7 +150,7 @@ def test_statics_that_are_sent_again_after_a_reset_come_back(
     peer.node("n", "back")
     row = ("back_base", "back_arm", 1, AHEAD)
     peer.send_static("n", [row])
-    wait_for(lambda: "back_arm" in tf.frames())
+    wait_until(lambda: "back_arm" in tf.frames())
     tf.reset()
     peer.send_static("n", [row])
     assert position(tf, "back_base", "back_arm") == [1.0, 0.0, 0.0]
@@ -162,7 +162,7 @@ def test_statics_that_were_refused_are_tried_again(tf: TransformClient, peer: Pe
     refused = tf.stats()["bad_puts"]
     row = ("loop_b", "loop_a", 1, AHEAD)
     peer.send_static("n", [row])
-    wait_for(lambda: tf.stats()["bad_puts"] > refused)
+    wait_until(lambda: tf.stats()["bad_puts"] > refused)
     tf.remove_frame("loop_b")
     peer.send_static("n", [row])
     assert position(tf, "loop_b", "loop_a") == [1.0, 0.0, 0.0]
@@ -174,14 +174,11 @@ def test_of_two_publishers_of_a_static_the_one_that_sent_last_counts(
     peers = [start_peer(server.endpoint) for _ in range(2)]
     for number, peer in enumerate(peers):
         peer.node("n", "last", 0, f"node{number}")
-    deadline_s = time.monotonic() + 10
     for number in (0, 1, 0):
         x = 1.0 + number
         peers[number].send_static("n", [("last_base", "last_arm", 1, (x, *AHEAD[1:]))])
-        wait_for(lambda: "last_arm" in tf.frames())
-        while position(tf, "last_base", "last_arm")[0] != x:
-            assert time.monotonic() < deadline_s
-            time.sleep(0.01)
+        wait_until(lambda: "last_arm" in tf.frames())
+        wait_until(lambda x=x: position(tf, "last_base", "last_arm")[0] == x)  # type: ignore[misc]
 
 
 def test_statics_of_a_publisher_that_is_gone(
@@ -191,7 +188,7 @@ def test_statics_of_a_publisher_that_is_gone(
     first, second = start_peer(server.endpoint), start_peer(server.endpoint)
     second.node("n", "heir")
     second.send_static("n", [("gone_base", "gone_both", 1, AHEAD)])
-    wait_for(lambda: "gone_both" in tf.frames())
+    wait_until(lambda: "gone_both" in tf.frames())
     first.node("n", "heir", 0, "first")
     first.send_static(
         "n",
@@ -201,11 +198,11 @@ def test_statics_of_a_publisher_that_is_gone(
             ("gone_alone", "gone_below", 1, AHEAD),
         ],
     )
-    wait_for(lambda: {"gone_alone", "gone_below"} <= set(tf.frames()))
-    wait_for(lambda: position(tf, "gone_base", "gone_both") == [2.0, 0.0, 0.0])
+    wait_until(lambda: {"gone_alone", "gone_below"} <= set(tf.frames()))
+    wait_until(lambda: position(tf, "gone_base", "gone_both") == [2.0, 0.0, 0.0])
     first.kill()
-    wait_for(lambda: not {"gone_alone", "gone_below"} & set(tf.frames()))
-    wait_for(lambda: position(tf, "gone_base", "gone_both") == [1.0, 0.0, 0.0])
+    wait_until(lambda: not {"gone_alone", "gone_below"} & set(tf.frames()))
+    wait_until(lambda: position(tf, "gone_base", "gone_both") == [1.0, 0.0, 0.0])
     assert tf.frame("gone_both").authority == "ros2:0/heir/robot"
     assert tf.stats()["ros2_statics_dropped"] >= 2
 
@@ -228,7 +225,7 @@ def test_malformed_messages_are_counted_and_named(
         wanted = {"bad_puts": 3, "ros2_bad_keys": 2, "ros2_bad_attachments": 1}
         return all(after[name] - before[name] == count for name, count in wanted.items())
 
-    wait_for(counted)
+    wait_until(counted)
     bad = authorities(tf)["ros2:0/bad/tf"]
     assert "CDR field" in str(bad.last_refusal)
     server.wait_for_log("is not of ROS 2")
@@ -239,7 +236,7 @@ def test_own_keys_are_not_taken_for_a_bridge(server: ServerProcess, tf: Transfor
     before = tf.stats()
     broadcaster = tf.broadcaster("tf")
     broadcaster.send([StampedTransform("own_a", "own_b", time.time_ns(), Transform())])
-    wait_for(lambda: "own_b" in tf.frames())
+    wait_until(lambda: "own_b" in tf.frames())
     after = tf.stats()
     assert all(after[name] == before[name] for name in ("bad_puts", "ros2_bad_keys"))
     assert after["ros2_messages"] == before["ros2_messages"]
@@ -249,7 +246,7 @@ def test_a_burst(tf: TransformClient, peer: Peer) -> None:
     peer.node("n", "burst")
     before = tf.stats()
     peer.burst("n", 2000, 10)
-    wait_for(lambda: tf.stats()["put_transforms"] - before["put_transforms"] == 20_000)
+    wait_until(lambda: tf.stats()["put_transforms"] - before["put_transforms"] == 20_000)
     assert tf.stats()["dropped_by_queue"] == before["dropped_by_queue"]
 
 
@@ -334,7 +331,7 @@ def test_without_the_extra_a_topic_with_one_publisher_tells_the_node(
         for number in (1, 2):
             peers[number].node("n", "shared", 0, f"node{number}")
         with server.connect() as tf:
-            wait_for(lambda: tf.stats()["ros2_publishers"] == 6)
+            wait_until(lambda: tf.stats()["ros2_publishers"] == 6)
             for number, peer in enumerate(peers):
                 peer.send_static("n", [(f"base{number}", f"arm{number}", 1, AHEAD)])
                 peer.send("n", [(f"odom{number}", f"base{number}", time.time_ns(), AHEAD)])

@@ -11,12 +11,13 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.ros2 import attachment
 from zenoh_tf.ros2.keys import NO_HASH, TF_MESSAGE, parse_publisher
 from zenoh_tf_client import TransformClient
 
-from .conftest import AHEAD, Peer, StartPeer, make_server, position, wait_for
+from .conftest import AHEAD, Peer, StartPeer, make_server, position
 
 TURNED = Transform((1, 2, 3), (0, 0, 1, 0))
 
@@ -47,7 +48,7 @@ def repeat(tf: TransformClient, peer: Peer, topic: str) -> list[Any]:
         tf.set_transform(StampedTransform("map", "drone", time.time_ns(), TURNED), "pilot")
         return rows(peer, topic)
 
-    return list(wait_for(heard))
+    return list(wait_until(heard))
 
 
 @pytest.mark.parametrize("humble", [False, True], ids=["newer", "humble"])
@@ -94,13 +95,13 @@ def test_all_statics_go_out_together_also_to_late_nodes(
         link = StampedTransform("base", f"part{number}", 5, TURNED)
         tf.set_transform(link, "maker", static=True)
     wanted = {f"part{number}" for number in range(3)}
-    wait_for(lambda: {row[1] for row in last_rows(early)} == wanted)
+    wait_until(lambda: {row[1] for row in last_rows(early)} == wanted)
     late.listen("tf_static", humble)
-    wait_for(lambda: {row[1] for row in last_rows(late)} == wanted)
+    wait_until(lambda: {row[1] for row in last_rows(late)} == wanted)
     assert last_rows(late)[0][3] == [1, 2, 3, 0, 0, 1, 0]
     tf.remove_frame("part1")
     wanted -= {"part1"}
-    wait_for(lambda: all({row[1] for row in last_rows(peer)} == wanted for peer in (early, late)))
+    wait_until(lambda: all({row[1] for row in last_rows(peer)} == wanted for peer in (early, late)))
 
 
 def last_rows(peer: Peer) -> list[Any]:
@@ -123,8 +124,8 @@ def test_nothing_is_published_twice_and_nothing_of_ros_comes_back(
     assert position(tf, "map", "eye") == [2.0, 0.0, 0.0]
     tf.set_transform(StampedTransform("base", "arm", 5, TURNED), "maker", static=True)
     tf.set_transform(StampedTransform("map", "drone", stamp_ns, TURNED), "pilot")
-    wait_for(lambda: any(row[:2] == ["base", "arm"] for row in rows(listener, "tf_static")))
-    wait_for(lambda: any(row[2] == stamp_ns for row in by(listener, "zenoh_tf")))
+    wait_until(lambda: any(row[:2] == ["base", "arm"] for row in rows(listener, "tf_static")))
+    wait_until(lambda: any(row[2] == stamp_ns for row in by(listener, "zenoh_tf")))
     # The listener hears the robot itself; the server adds nothing of the robot's.
     assert {row[1] for row in by(listener, "zenoh_tf")} == {"drone", "arm"}
     assert len([row for row in rows(listener, "tf") if row[1] == "body"]) == 1
@@ -148,7 +149,7 @@ def test_servers_on_one_network_take_each_message_once(
         for _ in range(10):
             stamp_ns = time.time_ns()
             tf.set_transform(StampedTransform("map", "drone", stamp_ns, TURNED), "pilot")
-            wait_for(partial(is_at, there, "drone", stamp_ns))
+            wait_until(partial(is_at, there, "drone", stamp_ns))
         names = [each.name for each in tf.authorities()]
         assert "ros2:0/zenoh_tf" in names and not any("dds" in name for name in names)
         (heard,) = (each for each in there.authorities() if each.name)
@@ -181,20 +182,20 @@ def test_what_comes_back_through_a_robots_server_is_not_published_again(
             here.set_transform(StampedTransform("map", "drone", time.time_ns(), TURNED))
             return echoes() > 0
 
-        wait_for(heard)
+        wait_until(heard)
         for number in (1, 2, 3):
             moved = StampedTransform("map", "fixed", number, Transform((number, 0, 0)))
             here.set_transform(moved, static=True)
-            wait_for(partial(is_at, here, "r/fixed", number))
+            wait_until(partial(is_at, here, "r/fixed", number))
         for number in range(3):
             before, echoed = published(), echoes()
             here.set_transform(StampedTransform("map", f"last{number}", 1, TURNED))
             # Published once, and the echo is here before anything else is set.
-            wait_for(partial(echoes, echoed + 1))
+            wait_until(partial(echoes, echoed + 1))
             assert published() == before + 1
         late = start_peer(robot.endpoint)
         late.listen("tf_static", False)
-        wait_for(lambda: last_rows(late) == [["r/map", "r/fixed", 3, [3, 0, 0, 0, 0, 0, 1]]])
+        wait_until(lambda: last_rows(late) == [["r/map", "r/fixed", 3, [3, 0, 0, 0, 0, 0, 1]]])
 
 
 def by(peer: Peer, node: str) -> list[Any]:
@@ -215,7 +216,7 @@ def test_what_ros_cannot_express_keeps_nothing_back(
         peer.listen(topic)
     tf.set_transform(StampedTransform("base", "late", 2**62, TURNED), "maker", static=True)
     tf.set_transform(StampedTransform("base", "good", 5, TURNED), "maker", static=True)
-    wait_for(lambda: [row[1] for row in last_static(peer)] == ["good"])
+    wait_until(lambda: [row[1] for row in last_static(peer)] == ["good"])
 
     def heard() -> list[Any]:
         # One transaction, so both are in the same message.
@@ -224,7 +225,7 @@ def test_what_ros_cannot_express_keeps_nothing_back(
         tf.set_transforms_xact(moved)
         return rows(peer, "tf")
 
-    assert {row[1] for row in wait_for(heard)} == {"drone"}
+    assert {row[1] for row in wait_until(heard)} == {"drone"}
     assert tf.stats()["ros2_unpublishable"] >= 2
 
 
@@ -246,14 +247,14 @@ def test_chosen_frames_at_a_limited_rate(start_server: StartServer, start_peer: 
             move(1)
             return rows(peer, "tf")
 
-        before = len(wait_for(heard))
+        before = len(wait_until(heard))
         for stamp_ns in range(2, 102):
             move(stamp_ns)
-        wait_for(lambda: rows(peer, "tf")[-1][2] == 101)
+        wait_until(lambda: rows(peer, "tf")[-1][2] == 101)
         # A message a second, for a hundred commits.
         assert len(rows(peer, "tf")) - before < 50
     assert {row[1] for row in rows(peer, "tf")} == {"cam1"}
-    wait_for(lambda: {row[1] for row in last_static(peer)} == {"camera", "laser"})
+    wait_until(lambda: {row[1] for row in last_static(peer)} == {"camera", "laser"})
 
 
 def last_static(peer: Peer) -> list[Any]:

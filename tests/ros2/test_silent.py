@@ -8,15 +8,16 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
+from tests.support.waiting import wait_until
 from zenoh_tf_client import TransformClient
 
-from .conftest import AHEAD, StartPeer, authorities, position, wait_for
+from .conftest import AHEAD, StartPeer, authorities, position
 
 WARNING = "sent none when asked"
 
 
 def wait_for_silent(tf: TransformClient, count: int) -> None:
-    wait_for(lambda: tf.stats()["ros2_silent"] == count)
+    wait_until(lambda: tf.stats()["ros2_silent"] == count)
 
 
 @pytest.mark.parametrize(
@@ -97,9 +98,9 @@ def test_what_nobody_would_send_again_stays(
             peer.forget(name, detected)
         peer.send_static(name, [(f"{name}_base", f"{name}_arm", 1, AHEAD)])
     with server.connect() as tf:
-        wait_for(lambda: {"keeps_arm", "plain_arm", "forgets_arm"} <= set(tf.frames()))
+        wait_until(lambda: {"keeps_arm", "plain_arm", "forgets_arm"} <= set(tf.frames()))
         wait_for_silent(tf, 2)
         peer.kill()
         wait_for_silent(tf, 0)
-        wait_for(lambda: "keeps_arm" not in tf.frames())
+        wait_until(lambda: "keeps_arm" not in tf.frames())
         assert {"plain_arm", "forgets_arm"} <= set(tf.frames())

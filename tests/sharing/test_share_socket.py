@@ -11,7 +11,6 @@ import stat
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,7 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support.waiting import wait_until
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._net import handover
 from zenoh_tf.errors import ProtocolError
@@ -256,10 +256,7 @@ def test_clients_that_say_nothing_or_nonsense_cost_nothing(
         with socket.socket(socket.AF_UNIX) as peer:
             peer.connect(path)
     assert reads_shared(server)
-    deadline_s = time.monotonic() + 40
-    while open_descriptors(server) > before + 3:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.05)
+    wait_until(lambda: open_descriptors(server) <= before + 3)
     for peer in silent:
         peer.close()
     assert reads_shared(server)
