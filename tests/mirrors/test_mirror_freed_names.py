@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import random
 import threading
 from collections.abc import Callable
 from itertools import pairwise
 
-import numpy as np
 import pytest
 
 from tests.conftest import StartServer
 from tests.support.logged_trees import Mirror, make_tree, state
-from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import ChangeLog
-from zenoh_tf.errors import TransformException
 from zenoh_tf.wire.stream import ORPHANED
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
@@ -219,50 +213,3 @@ def answer(tree: object, target: str, source: str, stamp_ns: int) -> object:
     except Exception as error:
         return type(error).__name__, str(error)
     return found.stamp_ns, found.transform.translation.tolist()
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(180)
-def test_mirrors_made_beside_a_client_that_frees_names(start_server: StartServer) -> None:
-    """Long histories, so that a snapshot takes a while, and a client that moves frames."""
-    server = start_server("--limit", "frames=16", "--cache-time", "1000s")
-    children, parents = ["F", "G", "H"], ["P", "Q", "U", "V"]
-    chance = random.Random(1)
-    now = [31 * SECOND]
-
-    def churn(tf: TransformClient, stop: threading.Event) -> None:
-        i = 0
-        while not stop.is_set():
-            i += 1
-            now[0] += 1000
-            kind = chance.random()
-            with contextlib.suppress(TransformException):
-                if kind < 0.35:
-                    parent = chance.choice([*parents, "R"])
-                    tf.set_transform(link(parent, chance.choice(children), now[0]))
-                elif kind < 0.6:
-                    tf.remove_frame(chance.choice(parents))
-                elif kind < 0.75:
-                    tf.set_transform(link("R", chance.choice(parents), now[0]))
-                else:
-                    tf.set_transform(link("R", f"visitor{i % 50}", now[0]))
-                    tf.remove_frame(f"visitor{i % 50}")
-
-    with server.connect() as writer, server.connect() as reader:
-        for child in children:
-            for first in range(0, 20_000, 1000):
-                rows = [link("R", child, 30 * SECOND + i) for i in range(first, first + 1000)]
-                writer.set_transforms_xact(rows)
-        for _ in range(40):
-            with beside(functools.partial(churn, writer)):
-                mirror = reader.mirror()
-            with mirror:
-                mirror.wait_for(writer.last_receipt)
-                assert sorted(mirror.frames()) == sorted(writer.frames())
-                moved_ns = np.arange(31 * SECOND, now[0] + 1, 1000)
-                for child in children:
-                    for parent in ["R", *parents]:
-                        here = mirror.sample(parent, child, moved_ns)
-                        there = writer.sample(parent, child, moved_ns)
-                        assert np.array_equal(here.status, there.status)
-                        assert np.array_equal(here.translations, there.translations, equal_nan=True)

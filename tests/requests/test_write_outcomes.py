@@ -193,45 +193,6 @@ def test_an_admin_write_does_not_run_if_it_expires_while_it_waits(body: wire.Mes
     loop.close()
 
 
-def test_a_write_that_stalls_runs_once_or_never(server: ServerProcess, wires: Raw) -> None:
-    """Frozen at any moment of a stream of writes, each sent twice: a write that is answered with an
-    expiry is not stored, and the two replies to one write are the same."""
-    for round_ in range(5):
-        now = clock_ns(wires)
-        payloads = [
-            wire.pack(
-                write(
-                    1 + round_ * 1000 + row,
-                    id=os.urandom(16),
-                    expires_ns=now + 200_000_000 + row * 1_000_000,
-                )
-            )
-            for row in range(100)
-        ]
-        with ThreadPoolExecutor(8) as pool:
-            first = [pool.submit(wires.query, "commit", payload, 20.0) for payload in payloads]
-            second = [pool.submit(wires.query, "commit", payload, 20.0) for payload in payloads]
-            time.sleep(0.01 * round_)
-            server.freeze()
-            time.sleep(0.25)
-            server.send_signal(signal.SIGCONT)
-            replies = [(a.result(), b.result()) for a, b in zip(first, second, strict=True)]
-        stored = {
-            row for row, pair in enumerate(replies) if any("stored" in reply for reply in pair)
-        }
-        for row, (one, other) in enumerate(replies):
-            for reply in (one, other):
-                if "error" in reply:
-                    assert isinstance(error_of(reply), TimeoutException)
-            # Frames hold a sample for each write that ran.
-            at = READ | {
-                "op": bytes([wire.OP_AT]),
-                "stamp": (1 + round_ * 1000 + row).to_bytes(8, "little"),
-            }
-            if row in stored:
-                assert wires.query("lookup", at)["status"] == b"\0"
-
-
 def test_an_id_of_a_write_of_another_kind_is_refused(wires: Raw) -> None:
     used = os.urandom(16)
     assert wires.query("commit", write(5, id=used))["stored"] == b"\1"

@@ -135,42 +135,6 @@ def test_the_sdk_comes_back(start_server: StartServer) -> None:
         assert len(tf.frames()) == 26
 
 
-def test_the_sdk_gives_up_when_its_time_is_over() -> None:
-    endpoint = free_endpoint()
-    calls = 0
-
-    def serve(query: zenoh.Query) -> None:
-        """A server that does nothing but `hello`."""
-        nonlocal calls
-        assert query.payload is not None
-        request = wire.unpack(query.payload.to_bytes())
-        with query:
-            if request.get("what") == "hello":
-                value = {"instance": "busy", "clock_ns": time.monotonic_ns(), "limits": LIMITS}
-                reply = {"v": 1, "instance": "busy", "value": value}
-                query.reply(query.key_expr, wire.pack(reply))
-            else:
-                calls += 1
-                error = ServerBusy("busy", retry_after_s=0.05)
-                query.reply_err(wire.pack(wire.error_reply("busy", error)))
-
-    with zenoh.open(zenoh_config.router([endpoint])) as session:
-        queryables = [
-            session.declare_queryable(keys.request("main", name), serve, complete=True)
-            for name in keys.REQUEST_TYPES
-        ]
-        with TransformClient.connect(endpoint, timeout_s=1.0) as tf:
-            with pytest.raises(ServerBusy):
-                tf.frames()
-            assert calls > 1
-            calls = 0
-            with pytest.raises(ServerBusy):
-                fill(tf)
-            assert calls > 1
-        for queryable in queryables:
-            queryable.undeclare()
-
-
 def test_a_call_whose_time_is_over_asks_nothing_more() -> None:
     """A request that the server's rules deny ends at once: only then does the SDK ask for them."""
     endpoint = free_endpoint()

@@ -342,20 +342,6 @@ def test_a_write_finds_the_new_server_by_itself(start_server: StartServer) -> No
         assert sorted(watcher.frames()) == ["base", "map"]
 
 
-def test_statics_are_announced_again(start_server: StartServer) -> None:
-    server = start_server()
-    with server.connect() as tf, tf.broadcaster("urdf") as robot:
-        robot.send_static([LINK, StampedTransform("base", "arm", 1, Transform())])
-        robot.send_static(StampedTransform("base", "leg", 1, Transform()))
-        wait_for_frames(tf, ["arm", "base", "leg", "map"])
-        for _ in range(2):
-            server.kill()
-            server = start_server(endpoint=server.endpoint)
-            wait_for_frames(tf, ["arm", "base", "leg", "map"])
-            assert tf.frame("leg").static is True
-            assert tf.frame("leg").authority == "urdf"
-
-
 def test_first_put_right_after_connect_arrives(server: ServerProcess) -> None:
     with server.connect() as watcher:
         for number in range(20):

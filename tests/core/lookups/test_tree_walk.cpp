@@ -106,59 +106,6 @@ TEST_EACH_MODE(depth_ends_exactly_at_the_limit) {
   }
 }
 
-TEST_EACH_MODE(only_links_below_the_common_ancestor_count) {
-  World w(c);
-  for (const Stamp t : {10, 12}) {
-    w.set("base", "l", t, at_x(1));
-    w.set("base", "r", t, at_x(-1));
-  }
-  w.set("map", "base", 5);
-  CHECK_EQ(w.at("l", "r", 11).pose.x, -2);
-  CHECK_EQ(w.ask(Op::latest_common, "l", "r").stamp, 12);
-  CHECK_EQ(w.code(Op::at, "map", "r", 11), Code::no_data);
-  w.set("map", "base", 3, {}, true);
-  CHECK_EQ(w.at("map", "r", 11).pose.x, -1);
-}
-
-TEST_EACH_MODE(latest_common_time_may_have_no_answer) {
-  World w(c);
-  w.set("parent", "a", 3000, at_x(1));
-  w.set("parent", "b", 4000, at_x(5));
-  CHECK_EQ(w.ask(Op::common_time, "a", "b").stamp, 3000);
-  const Answer common = w.ask(Op::latest_common, "a", "b");
-  CHECK_EQ(common.failure.code, Code::no_data);
-  CHECK_EQ(common.failure.frame, w.id("b"));
-  CHECK_EQ(common.failure.stamp, 3000);
-  const Answer latest = w.ask(Op::latest_xact, "a", "b");
-  CHECK_EQ(latest.pose.x, 4);
-  CHECK_EQ(latest.stamp, 3000);
-  CHECK_EQ(latest.newest, 4000);
-}
-
-TEST_EACH_MODE(latest_common_time) {
-  World w(c);
-  const auto lct = [&](const char* a, const char* b) { return w.ask(Op::common_time, a, b).stamp; };
-  w.set("parent", "a", 1000);
-  w.set("pp", "parent", 2000);
-  CHECK_EQ(lct("a", "pp"), 1000);
-  w.set("parent", "a", 3000);
-  CHECK_EQ(lct("a", "pp"), 2000);
-  w.set("parent", "b", 4000);
-  w.set("b", "c", 3000);
-  w.set("c", "d", 9000);
-  w.set("f", "e", 5000);
-  CHECK_EQ(lct("a", "b"), 3000);
-  CHECK_EQ(lct("a", "d"), 3000);
-  CHECK_EQ(lct("d", "a"), 3000);
-  CHECK_EQ(lct("e", "f"), 5000);
-  CHECK_EQ(lct("a", "a"), 3000);
-  CHECK_EQ(w.code(Op::common_time, "a", "e"), Code::connectivity);
-  w.set("d", "s", 77, {}, true);
-  CHECK_EQ(lct("d", "s"), kNoStamp);
-  CHECK_EQ(lct("c", "s"), 9000);
-  CHECK_EQ(w.ask(Op::latest_common, "d", "s").stamp, 0);
-}
-
 TEST(zero_and_negative_stamps_are_ordinary) {
   World w;
   w.set("a", "b", 0, at_x(1));
