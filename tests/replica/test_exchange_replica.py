@@ -61,19 +61,6 @@ def test_a_replica_answers_reads_and_sees_the_clients_writes() -> None:
     assert not exchange.seen.is_behind
 
 
-def test_the_server_answers_what_the_replica_lacks() -> None:
-    exchange = with_replica()
-    Script(done(seq=5)).run(exchange.call(WRITE))
-    behind = failed(ReplicaBehind("not yet"))
-    script = Script(*4 * [behind], done(["map"]))
-    assert script.run(exchange.call(info.frames())) == ["map"]
-    assert script.keys == [*4 * ["at/0af3/info"], "info"] and len(script.pauses_s) == 3
-    assert exchange.replica_age_s is None
-    script = Script(*4 * [behind], no_reply())
-    with pytest.raises(ReplicaBehind):
-        script.run(exchange.call(info.frames()))
-
-
 FRAMES = info.frames()
 DENIED: Any = {"may": [], "publish": []}
 
@@ -197,6 +184,18 @@ def test_the_servers_numbers_count_only_after_a_replica(clock: Clock) -> None:
     exchange.reads_may_be_old = True  # there was one, and it has gone
     Script(done(["map"], seq=9)).run(exchange.call(FRAMES))
     assert exchange.seen.least == Receipt("one", 9) and not exchange.seen.is_behind
+
+
+def test_a_forged_number_does_not_stay(clock: Clock) -> None:
+    """The server's own reply corrects what a replica was made to say."""
+    exchange = beside_replica(clock)
+    for reach in (6, 1 << 62):
+        reply = done(["map"], replica={"seq": 4, "reach": reach, "age_ns": 1})
+        Script(reply).run(exchange.call(FRAMES))
+        assert exchange.seen.least == Receipt("one", reach)
+    exchange.replica = None
+    Script(done(["map"], seq=9)).run(exchange.call(FRAMES))
+    assert exchange.seen.least == Receipt("one", 9)
 
 
 def test_a_replica_of_a_new_instance(clock: Clock) -> None:
