@@ -154,60 +154,37 @@ def test_several_target_frames(
     assert [transform.header.frame_id for transform in transforms] == ["map", "odom"]
 
 
-def after(buffer: tf2.Buffer, *samples_s: float) -> msg.PointStamped:
-    """A message from long before the samples that the server keeps."""
-    for seconds in samples_s:
-        move(buffer, seconds)
-    return point(50)
+#: Samples of the base, a message's time and frame, why it is dropped, and the error.
+REFUSED: list[tuple[tuple[float, ...], float, Any, str, type[Exception], str]] = [
+    ((100,), 50, "base", "OUT_THE_BACK", tf2.NoDataForExtrapolationException, "'base'"),
+    ((100, 101), 50, "base", "OUT_THE_BACK", tf2.BackwardExtrapolationException, "'base'"),
+    ((), 1, "", "EMPTY_FRAME_ID", tf2.InvalidArgumentException, "no frame"),
+    ((), 1, 5, "UNKNOWN", tf2.InvalidArgumentException, "must be a str"),
+    ((), 1, "/base", "UNKNOWN", tf2.InvalidArgumentException, "/base"),
+]
 
 
-Refused = tuple[Callable[[tf2.Buffer], Any], FilterFailureReason, type[Exception], str]
-REFUSED: dict[str, Refused] = {
-    "too old": (
-        lambda buffer: after(buffer, 100),
-        FilterFailureReason.OUT_THE_BACK,
-        tf2.NoDataForExtrapolationException,
-        "'base'",
-    ),
-    "older than all": (
-        lambda buffer: after(buffer, 100, 101),
-        FilterFailureReason.OUT_THE_BACK,
-        tf2.BackwardExtrapolationException,
-        "'base'",
-    ),
-    "no frame": (
-        lambda buffer: point(1, ""),
-        FilterFailureReason.EMPTY_FRAME_ID,
-        tf2.InvalidArgumentException,
-        "no frame",
-    ),
-    "no text": (
-        lambda buffer: point(1, 5),  # type: ignore[arg-type]
-        FilterFailureReason.UNKNOWN,
-        tf2.InvalidArgumentException,
-        "must be a str",
-    ),
-    "a wrong name": (
-        lambda buffer: point(1, "/base"),
-        FilterFailureReason.UNKNOWN,
-        tf2.InvalidArgumentException,
-        "/base",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize(("samples_s", "seconds", "frame", "reason", "error", "text"), REFUSED)
 def test_what_cannot_come_is_dropped_at_once(
-    buffer: tf2.Buffer, make: Any, calls: Calls, name: str
+    buffer: tf2.Buffer,
+    make: Any,
+    calls: Calls,
+    samples_s: Any,
+    seconds: float,
+    frame: Any,
+    reason: str,
+    error: type[Exception],
+    text: str,
 ) -> None:
-    prepare, reason, error, text = REFUSED[name]
-    held, message = make(), prepare(buffer)
+    for sample_s in samples_s:
+        move(buffer, sample_s)
+    held, message = make(), point(seconds, frame)
     held.add(message)
     wait_until(lambda: calls)
     [(got, given, raised)] = calls
-    assert (got, given, type(raised)) == (message, reason, error)
+    assert (got, given, type(raised)) == (message, FilterFailureReason[reason], error)
     assert text in str(raised)
-    assert held.stats()[reason.name.lower()] == 1
+    assert held.stats()[reason.lower()] == 1
 
 
 def test_what_is_no_message_is_the_callers_error(make: Any) -> None:

@@ -176,87 +176,41 @@ ANSWERS: dict[str, Ask] = {
         "wheel", "map", S // 2, reference_point=np.arange(3), reference_point_frame="car"
     ),
 }
-#: Target, source and field of the error.
-ERRORS: dict[str, tuple[type[TransformException], tuple[str | None, ...], Ask]] = {
-    "unknown": (
-        LookupException,
-        ("map", "nowhere", None),
-        lambda tf: tf.lookup_velocity("nowhere", "map"),
-    ),
-    "unconnected": (
-        ConnectivityException,
-        ("map", "shore", None),
-        lambda tf: tf.lookup_velocity("shore", "map"),
-    ),
-    "single sample": (
-        ExtrapolationException,
-        ("island", "shore", None),
-        lambda tf: tf.lookup_velocity("shore", "island"),
-    ),
-    "too new": (
-        ForwardExtrapolationException,
-        ("map", "wheel", None),
-        lambda tf: tf.lookup_velocity("wheel", "map", 9 * S // 10),
-    ),
-    "axes too new": (
-        ForwardExtrapolationException,
-        ("late", "map", None),
-        lambda tf: tf.lookup_velocity("car", "map", S // 2, reference_frame="late"),
-    ),
-    "axes elsewhere": (
-        ConnectivityException,
-        ("island", "map", None),
-        lambda tf: tf.lookup_velocity("car", "map", S // 2, reference_frame="island"),
-    ),
-    "axes unknown": (
-        LookupException,
-        ("nowhere", "map", None),
-        lambda tf: tf.lookup_velocity("car", "map", S // 2, reference_frame="nowhere"),
-    ),
-    "point too new": (
-        ForwardExtrapolationException,
-        ("map", "late", None),
-        lambda tf: tf.lookup_velocity("car", "map", S // 2, reference_point_frame="late"),
-    ),
-    "slash": (
-        InvalidArgumentException,
-        (None, None, "reference_frame"),
-        lambda tf: tf.lookup_velocity("car", "map", reference_frame="/map"),
-    ),
-    "two numbers": (
-        InvalidArgumentException,
-        (None, None, "reference_point"),
-        lambda tf: tf.lookup_velocity("car", "map", reference_point=(1, 2)),
-    ),
-    "not finite": (
-        InvalidArgumentException,
-        (None, None, "reference_point"),
-        lambda tf: tf.lookup_velocity("car", "map", reference_point=(1, 2, np.inf)),
-    ),
-    "no stamp": (
-        InvalidArgumentException,
-        (None, None, "stamp_ns"),
-        lambda tf: tf.lookup_velocity("car", "map", 0.5),
-    ),
-}
-for _interval in (0.0, -0.1, 1e-10, np.nan, np.inf):
-    ERRORS[f"interval {_interval}"] = (
-        InvalidArgumentException,
-        (None, None, "averaging_interval_s"),
-        lambda tf, interval=_interval: tf.lookup_velocity(  # type: ignore[misc]
-            "car", "map", averaging_interval_s=interval
-        ),
-    )
+NOW, THEN = ("car", "map"), ("car", "map", S // 2)
+#: What is asked, the error, and its target, source and field.
+ERRORS: list[tuple[Any, dict[str, Any], type[TransformException], tuple[str | None, ...]]] = [
+    (("nowhere", "map"), {}, LookupException, ("map", "nowhere", None)),
+    (("shore", "map"), {}, ConnectivityException, ("map", "shore", None)),
+    (("shore", "island"), {}, ExtrapolationException, ("island", "shore", None)),
+    (("wheel", "map", 9 * S // 10), {}, ForwardExtrapolationException, ("map", "wheel", None)),
+    (THEN, {"reference_frame": "late"}, ForwardExtrapolationException, ("late", "map", None)),
+    (THEN, {"reference_frame": "island"}, ConnectivityException, ("island", "map", None)),
+    (THEN, {"reference_frame": "nowhere"}, LookupException, ("nowhere", "map", None)),
+    (THEN, {"reference_point_frame": "late"}, ForwardExtrapolationException, ("map", "late", None)),
+]
+INVALID: list[tuple[Any, dict[str, Any], str]] = [
+    (NOW, {"reference_frame": "/map"}, "reference_frame"),
+    (NOW, {"reference_point": (1, 2)}, "reference_point"),
+    (NOW, {"reference_point": (1, 2, np.inf)}, "reference_point"),
+    ((*NOW, 0.5), {}, "stamp_ns"),
+]
+for _interval_s in (0.0, -0.1, 1e-10, np.nan, np.inf):
+    INVALID.append((NOW, {"averaging_interval_s": _interval_s}, "averaging_interval_s"))
+ERRORS += [
+    (asked, options, InvalidArgumentException, (None, None, field))
+    for asked, options, field in INVALID
+]
 
 
-@pytest.mark.parametrize("name", ERRORS)
-def test_errors_name_what_failed(tree: TransformTree, name: str) -> None:
+@pytest.mark.parametrize(("asked", "options", "kind", "expected"), ERRORS)
+def test_errors_name_what_failed(
+    tree: TransformTree, asked: Any, options: Any, kind: Any, expected: Any
+) -> None:
     fill(tree)
-    kind, (target, source, field), question = ERRORS[name]
     with pytest.raises(kind) as caught:
-        question(tree)
+        tree.lookup_velocity(*asked, **options)
     error = caught.value
-    assert (error.target_frame, error.source_frame, error.field) == (target, source, field)
+    assert (error.target_frame, error.source_frame, error.field) == expected
 
 
 def test_remote_velocities_are_the_embedded_trees(any_server: ServerProcess) -> None:
@@ -266,15 +220,15 @@ def test_remote_velocities_are_the_embedded_trees(any_server: ServerProcess) -> 
         fill(tf)
         for question in ANSWERS.values():
             assert_same(question(tf), question(tree))
-        for name, (kind, _, question) in ERRORS.items():
+        for asked, options, kind, _ in ERRORS:
             with pytest.raises(kind) as mine:
-                question(tf)
+                tf.lookup_velocity(*asked, **options)
             with pytest.raises(kind) as theirs:
-                question(tree)
-            assert mine.value.field == theirs.value.field, name
+                tree.lookup_velocity(*asked, **options)
+            assert mine.value.field == theirs.value.field, asked
             if theirs.value.field is None:
-                assert str(mine.value) == str(theirs.value), name
-                assert mine.value.facts == theirs.value.facts, name
+                assert str(mine.value) == str(theirs.value), asked
+                assert mine.value.facts == theirs.value.facts, asked
 
 
 def test_in_a_batch(client: TransformClient) -> None:
