@@ -6,19 +6,32 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from zenoh_tf import _core
 from zenoh_tf._core import Transform
 from zenoh_tf.errors import TooUncertain, must_be
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+    from zenoh_tf._core_stubs.estimates import EstimateColumns
+
     Names = str | Sequence[str] | None
+
+#: What reads return that have no answer.
+NoAnswer_co = TypeVar("NoAnswer_co", covariant=True)
+
+#: What `TransformTree.set_motion_limits` takes, in the order of the native tree.
+MOTION_LIMITS: Final = (
+    "max_speed_m_s",
+    "max_accel_m_s2",
+    "max_rate_rad_s",
+    "max_rate_accel_rad_s2",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,11 +235,44 @@ def _too_uncertain(estimate: Estimate, why: str, limit: float) -> TooUncertain:
     )
 
 
+class Estimator(Protocol[NoAnswer_co]):
+    """What the methods of `TreeEstimates` need, so that others may have them as well."""
+
+    def _now_ns(self) -> int: ...
+
+    def _estimate(
+        self,
+        kind: type[Estimate],
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
+        /,
+    ) -> Estimate | NoAnswer_co: ...
+
+    def _estimate_columns(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
+        /,
+    ) -> EstimateColumns | NoAnswer_co: ...
+
+
 class TreeEstimates(_core.Tree):
-    """A base of `TransformTree`: its estimates."""
+    """A base of `TransformTree`: its estimates. Shared trees and mirrors have its methods, too."""
+
+    _now_ns: Callable[[], int] = time.time_ns
 
     def estimate_transform(
-        self,
+        self: Estimator[NoAnswer_co],
         target: str,
         source: str,
         stamp_ns: int | None = None,
@@ -237,7 +283,7 @@ class TreeEstimates(_core.Tree):
         max_error_rad: float | None = None,
         min_level: float | None = None,
         radius_m: float = 0.0,
-    ) -> Estimate:
+    ) -> Estimate | NoAnswer_co:
         """Estimate the pose of `source` in `target` at a time, now for example, and its error.
 
         Links are carried on beyond their newest samples. How wrong that may be is measured: the
@@ -247,7 +293,8 @@ class TreeEstimates(_core.Tree):
         Args:
             target: Frame to express the pose in.
             source: Frame whose pose is asked for.
-            stamp_ns: Time in nanoseconds; None for now, by this machine's real-time clock.
+            stamp_ns: Time in nanoseconds; None for now, by the server's real-time clock, or by this
+                machine's if there is no server.
             level: Share of answers whose errors are within the bounds, above 0 and below 1. Those
                 above 0.95 need a long history: 0.99 needs a `cache_time_s` of 60.
             max_by_s: How far a link may be carried beyond its newest sample, in seconds.
@@ -272,15 +319,15 @@ class TreeEstimates(_core.Tree):
         Example:
             `tree.estimate_transform("map", "gripper", max_error_m=0.02).transform`
         """
-        by_ns, now_ns = max_by_ns(max_by_s), time.time_ns()
+        by_ns, now_ns = max_by_ns(max_by_s), self._now_ns()
         found = self._estimate(Estimate, target, source, stamp_ns, now_ns, level, by_ns, radius_m)
-        if max_error_m is max_error_rad is min_level is None:
+        if max_error_m is max_error_rad is min_level is None or not isinstance(found, Estimate):
             return found
         least = level if min_level is None else min_level
         return check(found, max_error_m, max_error_rad, least)
 
     def estimate_transforms(
-        self,
+        self: Estimator[NoAnswer_co],
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
@@ -288,7 +335,7 @@ class TreeEstimates(_core.Tree):
         level: float = 0.9,
         max_by_s: float = 0.5,
         radius_m: float = 0.0,
-    ) -> EstimateArray:
+    ) -> EstimateArray | NoAnswer_co:
         """Estimate many poses and their errors in one call; each row is its own transaction.
 
         A row that fails does not raise: its `status` is the error's code, and the rest NaN.
@@ -298,7 +345,7 @@ class TreeEstimates(_core.Tree):
             targets: Frames to express the poses in; one name stands for every row.
             sources: Frames whose poses are asked for; one name stands for every row.
             stamps_ns: (n,) times in nanoseconds; one int stands for every row, and None for now,
-                by this machine's real-time clock.
+                as of `estimate_transform`.
             level: Share of answers whose errors are within the bounds, above 0 and below 1.
             max_by_s: How far a link may be carried beyond its newest sample, in seconds.
             radius_m: Radius in metres of the bodies that `error_m` is to hold for.
@@ -310,9 +357,11 @@ class TreeEstimates(_core.Tree):
             InvalidArgumentException: An argument is invalid, or the numbers of rows differ.
         """
         columns = self._estimate_columns(
-            targets, sources, stamps_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
+            targets, sources, stamps_ns, self._now_ns(), level, max_by_ns(max_by_s), radius_m
         )
-        return EstimateArray(*columns, targets, sources)
+        if not isinstance(columns, tuple):
+            return columns
+        return EstimateArray.of_columns(columns, targets, sources)
 
     def set_motion_limits(
         self,
@@ -342,14 +391,8 @@ class TreeEstimates(_core.Tree):
         Example:
             `tree.set_motion_limits("base_link", max_speed_m_s=1.0, max_rate_rad_s=1.5)`
         """
-        limits = {
-            "max_speed_m_s": max_speed_m_s,
-            "max_accel_m_s2": max_accel_m_s2,
-            "max_rate_rad_s": max_rate_rad_s,
-            "max_rate_accel_rad_s2": max_rate_accel_rad_s2,
-        }
-        for field, limit in limits.items():
+        limits = (max_speed_m_s, max_accel_m_s2, max_rate_rad_s, max_rate_accel_rad_s2)
+        for field, limit in zip(MOTION_LIMITS, limits, strict=True):
             if limit is not None and not limit >= 0:
                 raise must_be(field, "0 or more", limit)
-        values = (math.inf if limit is None else limit for limit in limits.values())
-        self._set_motion_limits(child, *values)
+        self._set_motion_limits(child, *(math.inf if limit is None else limit for limit in limits))

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 from zenoh_tf import _core
 from zenoh_tf._core import AskServer, RegionRefused
 from zenoh_tf.array import TransformArray
-from zenoh_tf.estimate import Estimate, EstimateArray, check, max_by_ns
+from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -87,44 +87,9 @@ class SharedTree(_core.SharedTree):
         )
         return record if isinstance(record, AskServer) else Velocity.from_record(record)
 
-    def estimate_transform(
-        self,
-        target: str,
-        source: str,
-        stamp_ns: int | None = None,
-        *,
-        level: float = 0.9,
-        max_by_s: float = 0.5,
-        max_error_m: float | None = None,
-        max_error_rad: float | None = None,
-        min_level: float | None = None,
-        radius_m: float = 0.0,
-    ) -> Estimate | AskServer:
-        """As `TransformTree.estimate_transform`."""
-        by_ns, now_ns = max_by_ns(max_by_s), time.time_ns()
-        found = self._estimate(Estimate, target, source, stamp_ns, now_ns, level, by_ns, radius_m)
-        if isinstance(found, AskServer):
-            return found
-        least = level if min_level is None else min_level
-        return check(found, max_error_m, max_error_rad, least)
-
-    def estimate_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,
-        *,
-        level: float = 0.9,
-        max_by_s: float = 0.5,
-        radius_m: float = 0.0,
-    ) -> EstimateArray | AskServer:
-        """As `TransformTree.estimate_transforms`."""
-        columns = self._estimate_columns(
-            targets, sources, stamps_ns, time.time_ns(), level, max_by_ns(max_by_s), radius_m
-        )
-        if isinstance(columns, AskServer):
-            return columns
-        return EstimateArray(*columns, targets, sources)
+    _now_ns: Callable[[], int] = time.time_ns
+    estimate_transform = TreeEstimates.estimate_transform
+    estimate_transforms = TreeEstimates.estimate_transforms
 
     def frame(self, name: str) -> FrameInfo | AskServer:
         """As `TransformTree.frame`."""

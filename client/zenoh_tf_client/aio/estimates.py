@@ -37,35 +37,9 @@ class AsyncEstimates:
         min_level: float | None = None,
         radius_m: float = 0.0,
     ) -> Estimate:
-        """Estimate the pose of `source` in `target` at a time, now for example, and its error.
-
-        Links are carried on beyond their newest samples. How wrong that may be is measured: the
-        same question is answered for past instants, as far from their data, and compared with
-        what came then. docs/how-to/estimate.md says what the bound promises, and what it does not.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamp_ns: The time in nanoseconds; None for now, by the server's clock.
-            level: The share of answers whose error is within the bounds, above 0 and below 1.
-            max_by_s: How far a link may be carried beyond its newest sample, in seconds.
-            max_error_m: The largest error of the position to accept, in metres; None: any.
-            max_error_rad: The largest error of the rotation to accept, in radians; None: any.
-            min_level: The level to insist on with a limit, if the history is too short for `level`,
-                above 0 and below 1; None: `level` itself.
-            radius_m: The radius of the body around the origin of `source` whose points
-                `error_m` is to hold for, in metres.
-
-        Returns:
-            ``X_target_source`` in metres, and the bounds of its errors in metres and radians.
+        """As `TransformTree.estimate_transform`; now is by the server's clock.
 
         Raises:
-            TooUncertain: An error may be larger than its limit.
-            ForwardExtrapolationException: A link ends more than `max_by_s` before the time.
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: An argument is invalid; `field` names it.
             ServiceException: As for every call; see the class.
 
         Example:
@@ -92,22 +66,9 @@ class AsyncEstimates:
         max_by_s: float = 0.5,
         radius_m: float = 0.0,
     ) -> EstimateArray:
-        """Estimate many poses and their errors in one request, each in a transaction of its own.
-
-        Args:
-            targets: (n,) frames to express the poses in, or one frame for all rows.
-            sources: (n,) frames whose poses are asked for, or one frame for all rows.
-            stamps_ns: (n,) times in nanoseconds, or one for all rows; None for now, by the
-                server's clock.
-            level: As of `estimate_transform`, also the others.
-            max_by_s: Seconds.
-            radius_m: Metres.
-
-        Returns:
-            (n,) rows. A row that failed has its error's code in ``status``, and NaN.
+        """As `TransformTree.estimate_transforms`, in one request; now is by the server's clock.
 
         Raises:
-            InvalidArgumentException: The lengths differ, or an argument is invalid.
             ServiceException: As for every call; see the class.
 
         Example:

@@ -136,7 +136,7 @@ class MirrorCopy(MirrorReads):
             raise ServerUnavailable("the mirror is closed")
         return tree
 
-    def _server_now_ns(self) -> int:
+    def _now_ns(self) -> int:
         return self._feed.clock.real_ns()
 
     def _install(self, tree: TransformTree | None) -> None:

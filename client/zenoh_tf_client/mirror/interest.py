@@ -17,7 +17,7 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.text import quoted
 
-from .reads import ESTIMATES, LATEST, PLAIN, WAITING
+from .reads import LATEST, PLAIN, WAITING
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -55,7 +55,7 @@ def interested(tree: TransformTree, interest: wire.Interest) -> TransformTree:
 
 class _InterestedTree:
     def __init__(self, tree: TransformTree, interest: wire.Interest) -> None:
-        for name in (*PLAIN, *WAITING, *LATEST, *ESTIMATES):
+        for name in (*PLAIN, *WAITING, *LATEST):
             setattr(self, name, explained(getattr(tree, name), tree, interest))
 
         def explain(target: str, source: str, stamp_ns: int | None = None) -> Explanation:

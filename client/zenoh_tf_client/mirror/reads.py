@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import (
     Estimate,
-    EstimateArray,
     Explanation,
     FrameInfo,
     TransformArray,
     TransformTree,
     Velocity,
 )
-from zenoh_tf.estimate import check, max_by_ns
+from zenoh_tf.estimate import TreeEstimates
+
+if TYPE_CHECKING:
+    from zenoh_tf._core_stubs.estimates import EstimateColumns
 
 #: Those that never wait.
 PLAIN: Final = (
@@ -36,6 +38,8 @@ PLAIN: Final = (
     "parent",
     "chain",
     "explain",
+    "_estimate",
+    "_estimate_columns",
 )
 
 #: Those that have a time-out. A mirror that may block its caller has them as attributes as well.
@@ -49,10 +53,6 @@ LATEST: Final = (
 )
 
 
-#: What estimates call. Now is by the server's clock, so a mirror has methods of its own.
-ESTIMATES: Final = ("_estimate_record", "estimate_transforms")
-
-
 class MirrorReads(ABC):
     """A base of `MirrorCopy`, which has the tree."""
 
@@ -62,7 +62,7 @@ class MirrorReads(ABC):
         """The tree. Raises ServerUnavailable if the mirror is closed."""
 
     @abstractmethod
-    def _server_now_ns(self) -> int:
+    def _now_ns(self) -> int:
         """The time by the server's real-time clock, as far as it is known here."""
 
     def latest_common_time(self, a: str, b: str) -> int | None:
@@ -119,41 +119,14 @@ class MirrorReads(ABC):
             reference_point_frame=reference_point_frame,
         )
 
-    def estimate_transform(
-        self,
-        target: str,
-        source: str,
-        stamp_ns: int | None = None,
-        *,
-        level: float = 0.9,
-        max_by_s: float = 0.5,
-        max_error_m: float | None = None,
-        max_error_rad: float | None = None,
-        min_level: float | None = None,
-        radius_m: float = 0.0,
-    ) -> Estimate:
-        """As `TransformTree.estimate_transform`, of the copy; now is by the server's clock."""
-        record = self._tree._estimate_record(
-            target, source, stamp_ns, self._server_now_ns(), level, max_by_ns(max_by_s), radius_m
-        )
-        least = level if min_level is None else min_level
-        return check(Estimate.from_record(record), max_error_m, max_error_rad, least)
+    estimate_transform = TreeEstimates.estimate_transform
+    estimate_transforms = TreeEstimates.estimate_transforms
 
-    def estimate_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,
-        *,
-        level: float = 0.9,
-        max_by_s: float = 0.5,
-        radius_m: float = 0.0,
-    ) -> EstimateArray:
-        """As `TransformTree.estimate_transforms`, of the copy; now is by the server's clock."""
-        times = self._server_now_ns() if stamps_ns is None else stamps_ns
-        return self._tree.estimate_transforms(
-            targets, sources, times, level=level, max_by_s=max_by_s, radius_m=radius_m
-        )
+    def _estimate(self, *arguments: Any) -> Estimate:
+        return self._tree._estimate(*arguments)
+
+    def _estimate_columns(self, *arguments: Any) -> EstimateColumns:
+        return self._tree._estimate_columns(*arguments)
 
     def frames(self) -> list[str]:
         """As `TransformTree.frames`, in any order."""
