@@ -193,7 +193,8 @@ def test_work_is_bounded(server: ServerProcess) -> None:
                 ]
             with pytest.raises(LimitExceeded) as caught:
                 handles[-1].result()
-            assert caught.value.field == "links"
+            assert (caught.value.field, caught.value.limit) == ("links", 10_000_000)
+            assert "`estimate_transforms`, where each pair counts once" in str(caught.value)
             assert handles[most // 2].result().by_ns == 30 * MS
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import LimitExceeded
 
 from ..limits import Limits
 
@@ -22,6 +23,13 @@ _MANY_BACKTESTS: Final = 25_000
 _FEW_LEVEL: Final = 0.99
 #: What an estimate from kept backtests costs.
 _ESTIMATE: Final = 50
+#: To a client whose message costs too much.
+_ADVICE: Final = (
+    f"an estimate counts as {_ESTIMATE} lookups, and as {_BACKTESTS:,} more for its pair of frames "
+    f"({_MANY_BACKTESTS:,} at levels above {_FEW_LEVEL}): ask for many estimates of few pairs by "
+    "`estimate_transforms`, where each pair counts once, and send those of many pairs in several "
+    "messages"
+)
 
 
 class Estimates:
@@ -74,7 +82,10 @@ class Estimates:
     def _take(self, budget: Budget, times: int, pairs: Sequence[tuple[str, str]]) -> None:
         """Take so many lookups of each pair from what the message may cost."""
         links = self._tree._links([name for pair in pairs for name in pair])
-        budget.take_links(times * (links + len(pairs)))
+        try:
+            budget.take_links(times * (links + len(pairs)))
+        except LimitExceeded as error:
+            raise LimitExceeded(f"{error}; {_ADVICE}", **error.facts) from None
 
 
 def _backtests(level: float) -> int:
