@@ -73,6 +73,7 @@ class TransformTree(TreeEstimates):
         *,
         topics: Collection[str] | None = None,
         max_memory_bytes: int | None = None,
+        until_ns: int | None = None,
     ) -> TransformTree:
         """Make a tree from a recording, with its whole history.
 
@@ -85,13 +86,15 @@ class TransformTree(TreeEstimates):
             path: The file, or the folder of `ros2 bag record`.
             topics: Names of topics to read; None for all that have transforms.
             max_memory_bytes: Most bytes of all samples together; None for 4 GiB, 0 for no limit.
+            until_ns: Leave out what was recorded later, in nanoseconds. The tree then knows what a
+                live one knew at that time, which is "now" for `estimate_transform`. None for all.
 
         Returns:
             A tree that never drops a sample for its age. Stamps are as recorded, in nanoseconds.
 
         Raises:
             RecordingError: The recording cannot be read, has no transforms, or a library is
-                missing.
+                missing. With `until_ns` also if its times are of another clock than its stamps.
             LimitExceeded: The recording needs more memory; `field` is "max_memory".
 
         Example:
@@ -102,7 +105,7 @@ class TransformTree(TreeEstimates):
         limit = recordings.MAX_MEMORY_BYTES if max_memory_bytes is None else max_memory_bytes
         tree = cls(**recordings.OPTIONS, max_memory_bytes=limit)
         with recordings.open_recording(path, topics) as recording:
-            recordings.load(recording, tree)
+            recordings.load(recording, tree, until_ns=until_ns)
             for warning in recording.warnings():
                 logging.getLogger("zenoh_tf.recordings").warning("%s: %s", path, warning)
         return tree

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import time
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tests.recordings.files import Log, write
 from tests.support.command_line import Run
 from tests.support.moving_arm import MS, fill
 from zenoh_tf_client import TransformClient
@@ -42,6 +46,68 @@ def test_a_pose_and_its_error(run: Run, client: TransformClient) -> None:
     assert "30 ms: base by " in rows["carried"]
     static = succeeds(run("estimate", "arm", "tool"))
     assert "error        none: all links are static" in static
+
+
+def base_at(after_s: float) -> float:
+    """A base that swings from 15 s on."""
+    return math.sin(2 * max(0.0, after_s - 15.0))
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> str:
+    """Its samples at 20 Hz are recorded 50 ms late."""
+    rows = [("map", "base", 100.0 + i / 20, base_at(i / 20)) for i in range(600)]
+    log: Log = [
+        (99.0, "/tf_static", [("base", "tip", 0.0, 1.0)]),
+        *((row[2] + 0.05, "/tf", [row]) for row in rows),
+    ]
+    return str(write(tmp_path / "log", log))
+
+
+def test_a_recording_is_asked_for_what_was_known(command: Run, recording: str) -> None:
+    def shown(*arguments: str) -> Any:
+        return document(command("estimate", recording, "map", "tip", *arguments, "--json"))
+
+    # At 10.1 s the newest sample is that of 10.05 s.
+    rest = shown("--at", "+10.1s")
+    assert (rest["by_ns"], rest["translation"]) == (50 * MS, [1.0, 0.0, 0.0])
+    assert rest["error_m"] < 1e-6  # nobody could know yet that it starts
+    begin = shown("--at", "+15.3s", "--known", "+15s")
+    assert (begin["by_ns"], begin["translation"]) == (350 * MS, [1.0, 0.0, 0.0])
+    moving = shown("--at", "+25.1s")
+    assert moving["by_ns"] == 50 * MS and moving["error_m"] > 1e-6
+    assert abs(moving["translation"][0] - 1 - base_at(25.1)) <= moving["error_m"]
+    assert "publishes at 20 Hz, and its newest sample is 50 ms older" in moving["advice"]
+    later = shown("--at", "+25.1s", "--known", "+26s")
+    assert (later["by_ns"], later["translation"][0]) == (0, pytest.approx(1 + base_at(25.1)))
+    end = shown()
+    assert (end["stamp_ns"], end["by_ns"]) == (129_950 * MS, 50 * MS)
+    ask = ("estimate", recording, "map", "tip", "--at", "+25.1s")
+    ended = command(*ask, "--max-error", "0.001mm")
+    assert (ended.returncode, ended.stdout) == (3, "")
+    assert "did you mean 'tip'" in refusal(command("estimate", recording, "map", "tipp"))
+
+
+def test_times_of_a_recording_that_are_refused(
+    command: Run, recording: str, tmp_path: Path
+) -> None:
+    ask = ("estimate", recording, "map", "base", "--at", "+1s")
+    assert "--known 3s is the stamp" in refusal(command(*ask, "--known", "3s"))
+    nothing = refusal(command(*ask, "--known", "-40s"))
+    assert "nothing was recorded by 89.950" in nothing and "the log begins at 99.0" in nothing
+    # A simulation: the log has the real time.
+    log: Log = [(1e9 + i, "/tf", [("map", "base", float(i), 0.0)]) for i in range(99)]
+    simulated = str(write(tmp_path / "sim", log))
+    assert "the log begins at" in refusal(command("estimate", simulated, "map", "base"))
+    late: Log = [(float(i), "/tf", [("map", "base", 1000.0 + i, 0.0)]) for i in range(9)]
+    ahead = str(write(tmp_path / "ahead", late))
+    text = refusal(command("estimate", ahead, "map", "base"))
+    assert "what was known by then is unclear" in text and "simulated time" in text
+
+
+def test_known_is_for_recordings(run: Run) -> None:
+    ended = run("estimate", "map", "base", "--known", "-1s")
+    assert ended.returncode == 2 and "--known belongs to FILE" in ended.stderr
 
 
 def test_what_would_make_it_better(run: Run, client: TransformClient) -> None:

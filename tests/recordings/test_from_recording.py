@@ -253,3 +253,19 @@ def test_every_recorded_answer_agrees_with_tf2() -> None:
     assert len(questions()) > 1700
     for question in questions():
         question.check(question.ask(tree))
+
+
+def test_a_tree_of_what_was_known_at_a_time(tmp_path: Path) -> None:
+    """Samples are recorded 50 ms late, and the static link before them."""
+    log: Log = [(10.05 + i / 10, "/tf", [("a", "b", 10.0 + i / 10, i / 10)]) for i in range(100)]
+    path = write(tmp_path / "log", [(9.0, "/tf_static", [("b", "c", 0.0, 1.0)]), *log])
+    now_ns = 15 * S
+    tree = TransformTree.from_recording(path, until_ns=now_ns)
+    assert tree.frame("b").newest_stamp_ns == now_ns - S // 10
+    found = tree.estimate_transform("a", "c")
+    assert (found.stamp_ns, found.by_ns) == (now_ns, S // 10)
+    assert found.transform.translation[0] == pytest.approx(6.0)
+    assert tree.estimate_transforms("a", ["c"], None).stamps_ns.tolist() == [now_ns]
+    assert TransformTree.from_recording(path, until_ns=9 * S).frames() == ["c", "b"]
+    with pytest.raises(RecordingError, match="nothing was recorded by 8"):
+        TransformTree.from_recording(path, until_ns=8 * S)

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from .._core import TransformRows
 from ..text import quoted
+from ..text.times import seconds
 from .bag_file import BagFile
 from .container import Channel, Container, RawMessage
 from .decoders import READABLE
@@ -66,6 +67,8 @@ class Recording:
         #: The first and last stamp of the dynamic transforms so far that a tree accepts; None
         #: without one. The reader of the messages sets it.
         self.range_ns: tuple[int, int] | None = None
+        #: When the last dynamic transforms of the blocks so far were recorded; None without any.
+        self.last_log_ns: int | None = None
 
     @property
     def message_count(self) -> int | None:
@@ -90,16 +93,28 @@ class Recording:
             if rows is not None:
                 yield Message(raw.log_ns, raw.channel.topic, raw.channel.static, rows)
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self, until_ns: int | None = None) -> Iterator[Block]:
         """Yield the same as blocks of many messages, which is much faster.
 
+        Args:
+            until_ns: Leave out what was recorded later, in nanoseconds; None for nothing.
+
         Raises:
-            RecordingError: The file is damaged, or has no transforms.
+            RecordingError: The file is damaged, or has no transforms by then.
         """
         waiting: list[bytes] = []
         size = 0
         channel: Channel | None = None
         for raw in self._chosen_raw():
+            if until_ns is not None and raw.log_ns > until_ns:
+                if channel is None:
+                    raise RecordingError(
+                        f"{self._path}: nothing was recorded by {seconds(until_ns)} s: the log "
+                        f"begins at {seconds(raw.log_ns)} s"
+                    )
+                break
+            if not raw.channel.static:
+                self.last_log_ns = raw.log_ns
             if channel is not None and (
                 size >= _BLOCK_BYTES
                 or raw.channel.static != channel.static
@@ -148,7 +163,7 @@ class Recording:
         self.topics.clear()
         self.malformed = self.skipped = 0
         self.first_fault = ""
-        self.range_ns = None
+        self.range_ns = self.last_log_ns = None
         others: set[str] = set()
         for raw in self._raw():
             topic = raw.channel.topic

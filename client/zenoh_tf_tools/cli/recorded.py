@@ -54,12 +54,13 @@ def add_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", metavar="TIME", help=f"{LIVE_TIMES}; in FILE {RECORDED_TIMES}")
 
 
-def time_at(args: argparse.Namespace, parse: Callable[[str], T]) -> T | None:
+def time_at(args: argparse.Namespace, parse: Callable[[str], T], option: str = "--at") -> T | None:
     """The value of --at by the grammar of a recording or of a server; None if it is not given."""
+    text = getattr(args, option.removeprefix("--"))
     try:
-        return None if args.at is None else parse(args.at)
+        return None if text is None else parse(text)
     except argparse.ArgumentTypeError as error:
-        args.usage_error(f"argument --at: {error}")
+        args.usage_error(f"argument {option}: {error}")
         raise AssertionError from error  # argparse has ended the process
 
 
@@ -74,17 +75,21 @@ def opened(args: argparse.Namespace) -> Iterator[Recording]:
 
 
 def loaded(
-    args: argparse.Namespace, max_memory_bytes: int = MAX_MEMORY_BYTES, advice: str = ""
+    args: argparse.Namespace,
+    max_memory_bytes: int = MAX_MEMORY_BYTES,
+    advice: str = "",
+    until_ns: int | None = None,
 ) -> tuple[TransformTree, tuple[int, int] | None]:
     """The recording as a tree, and its first and last stamp, read under a progress bar.
 
-    `advice`: what to do about a recording that is too large, for the error.
+    `advice`: what to do about a recording that is too large, for the error. `until_ns`: leave out
+    what was recorded later; None for nothing.
     """
     tree = TransformTree(**OPTIONS, max_memory_bytes=max_memory_bytes)
     with opened(args) as recording:
         with Progress(recording.message_count, "messages") as progress:
             try:
-                load(recording, tree, progress.to)
+                load(recording, tree, progress.to, until_ns)
             except LimitExceeded as error:
                 raise CommandError(f"{args.file}: {error}{advice}") from error
         warn(recording)

@@ -8,14 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from zenoh_tf import Estimate, FrameInfo, StampedTransform, TransformException
+from zenoh_tf import Estimate, FrameInfo, StampedTransform, TransformException, TransformTree
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import angle, duration, length, number
+from zenoh_tf.text.flag_values import angle, duration, length, live_time, number, recorded_time
 from zenoh_tf.text.times import age
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
-from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli import output, recorded
+from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
+from zenoh_tf_tools.cli.connection import connect, suggest_names
 from zenoh_tf_tools.estimate_words import bounds, carried_on, metres
 
 #: Errors below this are of the arithmetic, and nothing would make them smaller.
@@ -30,13 +30,23 @@ def add(commands: Commands) -> None:
         "pose of SOURCE in TARGET now, and how wrong it may be",
         "Print the pose of SOURCE in TARGET now, by the server's clock, with bounds of its errors: "
         "links are carried on beyond their newest samples, and the same question about past "
-        "instants says how wrong that has been. Exit code 3 if an error may exceed its limit.",
+        "instants says how wrong that has been. Exit code 3 if an error may exceed its limit.\n\n"
+        "With FILE: the pose at a time of a recording, from what had been recorded by then. FILE "
+        "needs the libraries of zenoh-tf[recordings].",
         "zenoh-tf estimate map gripper",
         "zenoh-tf estimate map gripper --max-error 2cm --max-angle 1deg && ./grasp",
         "zenoh-tf estimate map gripper --at now-50ms --level 0.99",
+        "zenoh-tf estimate run.mcap map base_link --at +10s",
     )
+    add_optional_file(estimate)
     add_frames(estimate)
-    add_at(estimate)
+    recorded.add_at(estimate)
+    estimate.add_argument(
+        "--known",
+        metavar="TIME",
+        help="with FILE: use only what had been recorded by then, written as for --at (default: "
+        "the time of --at)",
+    )
     add_options(estimate)
     estimate.add_argument(
         "--max-error",
@@ -76,19 +86,43 @@ def ask(tf: TransformClient, args: argparse.Namespace) -> Estimate:
 
 
 def _estimate(args: argparse.Namespace) -> int:
-    with connect(args) as tf:
-        found = tf.estimate_transform(
-            args.target,
-            args.source,
-            args.at,
-            level=args.level,
-            max_by_s=args.max_by,
-            max_error_m=args.max_error,
-            max_error_rad=args.max_angle,
-        )
-        better = advice(tf, found)
-    show(args, found, better)
+    if args.file is None:
+        if args.known is not None:
+            args.usage_error("--known belongs to FILE")
+        stamp_ns = recorded.time_at(args, live_time)
+        with connect(args) as tf:
+            _answer(args, tf, stamp_ns)
+    else:
+        tree, stamp_ns = _known_tree(args)
+        with suggest_names(tree.frames):
+            _answer(args, tree, stamp_ns)
     return 0
+
+
+def _known_tree(args: argparse.Namespace) -> tuple[TransformTree, int | None]:
+    """The tree of what a recording had by the time of --known, and the time of --at."""
+    at, known = (recorded.time_at(args, recorded_time, option) for option in ("--at", "--known"))
+    tree, range_ns = recorded.loaded(args)
+    if range_ns is None:  # all is static
+        return tree, None
+    stamp_ns = recorded.stamp_ns("--at", at, range_ns, range_ns[1], inside=True)
+    known_ns = recorded.stamp_ns("--known", known, range_ns, stamp_ns, inside=True)
+    return recorded.loaded(args, until_ns=known_ns)[0], stamp_ns
+
+
+def _answer(
+    args: argparse.Namespace, tf: TransformTree | TransformClient, stamp_ns: int | None
+) -> None:
+    found = tf.estimate_transform(
+        args.target,
+        args.source,
+        stamp_ns,
+        level=args.level,
+        max_by_s=args.max_by,
+        max_error_m=args.max_error,
+        max_error_rad=args.max_angle,
+    )
+    show(args, found, advice(tf, found))
 
 
 def show(args: argparse.Namespace, found: Estimate, better: str | None = None) -> None:
@@ -126,7 +160,7 @@ def text(found: Estimate) -> str:
     return "\n".join(lines)
 
 
-def advice(tf: TransformClient, found: Estimate) -> str | None:
+def advice(tf: TransformTree | TransformClient, found: Estimate) -> str | None:
     """Which link an error comes from most, and what would make it smaller; None if nothing would.
 
     The link's part is that of its own error at the source's distance.
