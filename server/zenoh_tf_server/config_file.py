@@ -1,4 +1,5 @@
-"""The server's configuration file: its flags by name in TOML, and the access rules.
+"""The server's configuration file: its flags by name in TOML, the access rules, and limits of
+motion.
 
     cache-time = "30s"
     listen = ["tls/0.0.0.0:7447"]
@@ -10,12 +11,16 @@
     [tls]
     certificate = "server.pem"      # --tls-certificate
 
+    [motion_limits.base_link]
+    max_speed_m_s = 1.0
+
     [[access]]
     users = ["nav"]
     may = ["read"]
 
 A flag may stand at the top or in any section, by its name; in `[NAME]` a `NAME-` may be left out.
-`[limits]` has limits alone. Paths are relative to the file's folder. Flags of the command line win.
+`[limits]` has limits alone, and `[motion_limits]` those of links. Paths are relative to the file's
+folder. Flags of the command line win.
 """
 
 from __future__ import annotations
@@ -29,12 +34,13 @@ from typing import Any, Final, NoReturn
 
 from zenoh_tf.errors import InvalidArgumentException, must_be
 
-from . import limit_flags
+from . import limit_flags, motion_limits
 from .security import access_rules
 from .security.access_rules import AccessRule
 
 _ACCESS: Final = "access"
 _LIMITS: Final = "limits"
+_MOTION: Final = motion_limits.SECTION
 #: Flags that cannot be in a file, where limits have a section.
 _NOT_IN_FILE: Final = ("help", "version", "config", "limit")
 _PATH_METAVARS: Final = ("FILE", "DIR")
@@ -46,13 +52,14 @@ def parse_arguments(
     parser: argparse.ArgumentParser, arguments: Sequence[str] | None
 ) -> argparse.Namespace:
     """The flags of a command line, completed from the file that ``--config`` names. The access
-    rules are in `access`.
+    rules are in `access`, the limits of motion in `motion_limits`.
 
     Raises:
         InvalidArgumentException: The file is wrong; the message names the key.
     """
     options = parser.parse_args(arguments)
     options.access = ()
+    options.motion_limits = {}
     if options.config is None:
         return options
     path = Path(options.config)
@@ -86,7 +93,7 @@ def _given(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> 
 def read(
     parser: argparse.ArgumentParser, path: Path
 ) -> tuple[dict[str, Any], tuple[AccessRule, ...]]:
-    """The flags in a file, by `dest`, and its access rules.
+    """The flags in a file, by `dest`, with the limits of motion, and its access rules.
 
     Raises:
         InvalidArgumentException: The file is wrong.
@@ -101,7 +108,8 @@ def read(
     try:
         rules = _rules(document.pop(_ACCESS, []))
         limits = _limits(document.pop(_LIMITS, {}))
-        return _flags(_actions(parser), document, path.parent) | {"limit": limits}, rules
+        others = {"limit": limits, "motion_limits": motion_limits.parse(document.pop(_MOTION, {}))}
+        return _flags(_actions(parser), document, path.parent) | others, rules
     except InvalidArgumentException as error:
         raise InvalidArgumentException(f"{path}: {error}", field="config") from error
 
@@ -167,7 +175,7 @@ def _reject_unknown(section: str, key: str, actions: dict[str, argparse.Action])
     nearest = [
         close
         for spelling in _spellings(section, key)
-        for close in difflib.get_close_matches(spelling, [*actions, _ACCESS, _LIMITS], 1)
+        for close in difflib.get_close_matches(spelling, [*actions, _ACCESS, _LIMITS, _MOTION], 1)
     ]
     hint = f": did you mean {nearest[0]!r}?" if nearest else "; zenoh-tf-server --help lists all"
     raise InvalidArgumentException(f"unknown key {shown!r}{hint}", field=shown)

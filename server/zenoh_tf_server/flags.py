@@ -183,6 +183,8 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
         "ros2": "a replica accepts no writes: give --ros2 to the primary",
         "ros2_publish": "give --ros2-publish to the primary",
     }
+    if options.motion_limits:
+        flags.error("a replica has the limits of motion of the primary: declare them there")
     for name, reason in reasons.items():
         if getattr(options, name):
             flags.error(f"--{name.replace('_', '-')} and --replica-of exclude each other: {reason}")
@@ -208,5 +210,6 @@ def settings(options: argparse.Namespace) -> ServerSettings:
         sharing=sharing.from_flags(options),
         ros2=ros2.from_flags(options),
         federation=federation.from_flags(options),
+        motion_limits=options.motion_limits,
         replica_of=options.replica_of,
     )

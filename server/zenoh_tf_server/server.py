@@ -13,7 +13,7 @@ from zenoh_tf import TransformTree
 from zenoh_tf._net import keys
 from zenoh_tf.mirrors.free_memory import FreeMemory
 
-from . import federation, ros2
+from . import federation, motion_limits, ros2
 from .ingest.ingest import Ingest
 from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
@@ -158,7 +158,7 @@ class Server:
 
 def _make_tree(settings: ServerSettings, **options: Any) -> TransformTree:
     limits = settings.limits
-    return TransformTree(
+    tree = TransformTree(
         settings.cache_time_s,
         settings.concurrency,
         max_frames=limits.frames,
@@ -171,3 +171,5 @@ def _make_tree(settings: ServerSettings, **options: Any) -> TransformTree:
         max_log_bytes=limits.change_log_bytes,
         **options,
     )
+    motion_limits.declare(tree, settings.motion_limits)
+    return tree

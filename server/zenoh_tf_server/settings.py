@@ -10,6 +10,7 @@ from .federation.settings import FederationSettings
 from .ingest.future_stamps import FutureStamps
 from .limits import Limits
 from .monitoring.monitoring import MonitoringSettings
+from .motion_limits import MotionLimits
 from .process.sharing import SharingSettings
 from .ros2.settings import Ros2Settings
 from .security.settings import OPEN, Security
@@ -37,4 +38,5 @@ class ServerSettings:
     sharing: SharingSettings = field(default_factory=SharingSettings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)
     federation: FederationSettings = field(default_factory=FederationSettings)
+    motion_limits: MotionLimits = field(default_factory=dict)
     replica_of: Sequence[str] = ()  # endpoints of the primary's network

@@ -10,8 +10,10 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes import forks
+from zenoh_tf._net import handover
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf_server import config_file, flags
+from zenoh_tf_server.limits import Limits
 
 
 def parse(tmp_path: Path, text: str, *arguments: str) -> argparse.Namespace:
@@ -42,11 +44,14 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
         [tls]
         certificate = "server.pem"
         ca = "/etc/ca.pem"
+        [motion_limits.base_link]
+        max_speed_m_s = 1
         [[access]]
         users = ["nav"]
         may = ["read"]
         """,
     )
+    assert options.motion_limits == {"base_link": {"max_speed_m_s": 1}}
     assert options.listen == ["tls/[::]:1", "tcp/127.0.0.1:2"]
     assert (options.cache_time, type(options.cache_time)) == (30.0, float)
     assert options.one_authority_per_frame is True
@@ -124,6 +129,16 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
         ("tls-ca = 'a'\n[tls]\nca = 'b'", "'tls-ca' is set twice"),
         ("listen = ['a']\nconnect = ['b']", "exclude each other"),
         ("a = = 1", "is not TOML"),
+        ("motion_limits = 1", "write limits of motion in tables [motion_limits.FRAME]"),
+        ("motion-limits = 1", "did you mean 'motion_limits'?"),
+        ("[motion_limits]\nbase = 1.0", "motion_limits.base must be a table such as"),
+        ("[motion_limits.base]\nmax_sped_m_s = 1", "did you mean 'max_speed_m_s'?"),
+        ("[motion_limits.base]\nmass = 1", "unknown key 'motion_limits.base.mass': use max_speed"),
+        ("[motion_limits.a]\nmax_speed_m_s = -1", "motion_limits.a.max_speed_m_s must be a number"),
+        ("[motion_limits.a]\nmax_speed_m_s = nan", "must be a number, 0 or more, not nan"),
+        ("[motion_limits.a]\nmax_speed_m_s = '1'", "must be a number, 0 or more, not '1'"),
+        ("[motion_limits.a]\nmax_speed_m_s = true", "must be a number, 0 or more, not True"),
+        ("[motion_limits.'']\nmax_speed_m_s = 1", "[motion_limits.]: "),
         ("[access]\nmay = ['read']", "write access rules as tables [[access]]"),
         ("[[access]]\nmy = ['read']", "access rule 1 has the unknown key 'my'"),
         ("[[access]]\nmay = ['read']\n[[access]]\nmay = ['x']", "access rule 2: there is no"),
@@ -153,3 +168,14 @@ def test_the_program_reads_it(tmp_path: Path, start_server: StartServer) -> None
     done = forks.run([sys.executable, "-m", "zenoh_tf_server", "--config", str(path)], timeout=150)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith("did you mean rows?")
+
+
+def test_limits_of_motion_have_room_in_one_message(tmp_path: Path) -> None:
+    def text(count: int) -> str:
+        frames = "".join(f'"{i:0>255}".max_speed_m_s = 1.0\n' for i in range(count))
+        return f"[motion_limits]\n{frames}"
+
+    limits = parse(tmp_path, text(200)).motion_limits
+    columns = {child: (1.0, 1.0, 1.0, 1.0) for child in limits}
+    assert len(handover.message("main", "one", Limits().as_dict(), columns)) < 1 << 16
+    assert "motion_limits must be of 200 frames at most" in refused(tmp_path, text(201))

@@ -110,6 +110,9 @@ class SharedTree:
         max_by_ns: int,
         radius_m: float,
     ) -> dict[str, Any] | AskServer: ...
+    def _set_motion_limits(
+        self, child: str, speed: float, accel: float, rate: float, rate_accel: float
+    ) -> None: ...
     def _read_rows(
         self,
         names: Sequence[str],

@@ -61,7 +61,12 @@ def default_folders() -> list[Path]:
     return [*own, Path("/run/zenoh-tf")]
 
 
-def message(tree: str, instance: str, limits: dict[str, int]) -> bytes:
+def message(
+    tree: str,
+    instance: str,
+    limits: dict[str, int],
+    motion_limits: wire.MotionLimits | None = None,
+) -> bytes:
     """What a server sends together with the file descriptor."""
     version, layout_hash = LAYOUT
     payload = wire.pack(
@@ -72,6 +77,7 @@ def message(tree: str, instance: str, limits: dict[str, int]) -> bytes:
             "instance": instance,
             "limits": limits,
         }
+        | wire.motion_limits_fields(motion_limits or {})
     )
     return _LENGTH.pack(len(payload)) + payload
 
@@ -97,12 +103,15 @@ def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedT
         RegionRefused: What the socket's owner sent is not the tree, or cannot be read here.
         ProtocolError: What it sent is malformed.
     """
-    peer, fd = _greeting(offer, tree, instance, timeout_s, to_read=True)
+    peer, fd, motion_limits = _greeting(offer, tree, instance, timeout_s, to_read=True)
     peer.close()
     try:
-        return SharedTree(fd)
+        shared = SharedTree(fd)
     finally:
         os.close(fd)
+    for child, limits in motion_limits.items():
+        shared._set_motion_limits(child, *limits)
+    return shared
 
 
 def connect(offer: Offer, tree: str, instance: str, timeout_s: float) -> socket.socket:
@@ -110,15 +119,16 @@ def connect(offer: Offer, tree: str, instance: str, timeout_s: float) -> socket.
 
     Raises as `receive` does.
     """
-    peer, fd = _greeting(offer, tree, instance, timeout_s, to_read=False)
+    peer, fd, _ = _greeting(offer, tree, instance, timeout_s, to_read=False)
     os.close(fd)
     return peer
 
 
 def _greeting(
     offer: Offer, tree: str, instance: str, timeout_s: float, *, to_read: bool
-) -> tuple[socket.socket, int]:
-    """The connection to a server instance, and the file descriptor that it has sent.
+) -> tuple[socket.socket, int, wire.MotionLimits]:
+    """The connection to a server instance, and the file descriptor and the limits of motion that it
+    has sent.
 
     In a container, the socket's folder may be mounted elsewhere than at the server's path. So the
     default folders are searched for the socket as well.
@@ -139,12 +149,13 @@ def _greeting(
             )
         if (wire.text(message, "tree"), wire.text(message, "instance")) != (tree, instance):
             raise RegionRefused(f"{path} belongs to another server")
+        motion_limits = wire.parse_motion_limits(message)
     except BaseException:
         if fd >= 0:
             os.close(fd)
         peer.close()
         raise
-    return peer, fd
+    return peer, fd, motion_limits
 
 
 def _layout(layout: object) -> str:

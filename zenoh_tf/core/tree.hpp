@@ -81,6 +81,8 @@ class Tree : private TreeState {
   void set_motion_limits(std::string_view child, const MotionLimits& limits) {
     motion_limits.set(child, limits);
   }
+  // Returns a copy of all.
+  [[nodiscard]] auto all_motion_limits() const { return motion_limits.all(); }
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const {
     return ztf::lookup_motion(*this, query, motion, answer);
   }

@@ -60,7 +60,7 @@ MakeTree = Callable[[wire.TreeSettings, str], TransformTree]
 
 def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> TransformTree:
     """An empty tree with the settings of a server's, and further options."""
-    return TransformTree(
+    tree = TransformTree(
         settings.cache_ns / 1e9,
         max_frames=settings.max_frames,
         max_samples_per_frame=settings.max_samples_per_frame,
@@ -68,6 +68,9 @@ def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> Tra
         max_depth=settings.max_depth,
         **options,
     )
+    for child, limits in settings.motion_limits.items():
+        tree._set_motion_limits(child, *limits)
+    return tree
 
 
 class Mirroring:

@@ -35,10 +35,13 @@ from .error_codec import (
 from .estimates import (
     ESTIMATE_BYTES,
     Estimates,
+    MotionLimits,
     estimates_body,
     estimates_value,
+    motion_limits_fields,
     parse_estimates,
     parse_estimates_reply,
+    parse_motion_limits,
 )
 from .fields import (
     F64,

@@ -1,8 +1,9 @@
-"""Messages of many estimates as columns (docs/reference/protocol.md, "info, hello and admin")."""
+"""Messages of many estimates as columns (docs/reference/protocol.md, "info, hello and admin"), and
+of limits of motion."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -19,6 +20,8 @@ from .fields import (
     column,
     indexes,
     integer,
+    malformed,
+    mapping,
     number,
     raw,
     texts,
@@ -37,6 +40,10 @@ _COLUMNS: Final[tuple[tuple[str, np.dtype[Any], int], ...]] = (
 )
 #: Bytes of a row in a reply.
 ESTIMATE_BYTES: Final = sum(dtype.itemsize * width for _, dtype, width in _COLUMNS)
+
+#: By the child of a link its speed, acceleration, angular velocity and angular acceleration, at
+#: most, in m, s and rad; infinite where there is no limit.
+MotionLimits = Mapping[str, tuple[float, float, float, float]]
 
 
 @dataclass(slots=True)
@@ -94,3 +101,20 @@ def parse_estimates_reply(reply: Message, rows: int) -> list[NDArray[Any]]:
     columns = [column(value, name, dtype, rows, width) for name, dtype, width in _COLUMNS]
     columns[2] = columns[2].reshape(rows, 7)
     return columns
+
+
+def motion_limits_fields(limits: MotionLimits) -> Message:
+    """The fields of a message that has limits of motion, if there are any."""
+    columns = {child: raw(np.array(values), F64) for child, values in limits.items()}
+    return {"motion_limits": columns} if columns else {}
+
+
+def parse_motion_limits(message: Message) -> MotionLimits:
+    """The limits of motion in a message."""
+    if "motion_limits" not in message:
+        return {}
+    fields = mapping(message, "motion_limits")
+    limits = {child: column(fields, child, F64, 4) for child in fields}
+    if not all((values >= 0).all() for values in limits.values()):
+        raise malformed("motion_limits", "numbers, 0 or more")
+    return {child: tuple(values.tolist()) for child, values in limits.items()}

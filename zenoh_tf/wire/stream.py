@@ -6,7 +6,7 @@ The columns are those of `zenoh_tf._core.ChangeLog` and `ChangeReplay`, as tuple
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .._core import TransformRows
 from .error_codec import raise_error
+from .estimates import MotionLimits, motion_limits_fields, parse_motion_limits
 from .fields import (
     F64,
     I64,
@@ -216,9 +217,11 @@ class TreeSettings:
     max_samples_per_frame: int
     max_name_bytes: int
     max_depth: int
+    motion_limits: MotionLimits = field(default_factory=dict)
 
     def fields(self) -> Message:
-        return {name: getattr(self, name) for name in self.__slots__}
+        numbers = {name: getattr(self, name) for name in self.__slots__[:-1]}
+        return numbers | motion_limits_fields(self.motion_limits)
 
 
 @dataclass(slots=True)
@@ -248,6 +251,10 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
     """The plan in a reply. Raises the error that it carries, or ProtocolError."""
     raise_error(reply)
     settings = mapping(reply, "settings")
+    numbers = {
+        name: integer(settings, name, low=0 if name == "max_depth" else 1)  # 0: no limit
+        for name in TreeSettings.__slots__[:-1]
+    }
     bounds = column(reply, "bounds", U32)
     changes = _parse(reply) if "kind" in reply else None
     if (changes is None and bounds.size < 2) or bool(np.any(bounds[:-1] > bounds[1:])):
@@ -256,12 +263,7 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
         integer(reply, "seq", low=0),
         flag(reply, "reparented"),
         bounds,
-        TreeSettings(
-            *(
-                integer(settings, name, low=0 if name == "max_depth" else 1)  # 0: no limit
-                for name in TreeSettings.__slots__
-            )
-        ),
+        TreeSettings(**numbers, motion_limits=parse_motion_limits(settings)),
         integer(reply, "clock_ns"),
         changes,
     )

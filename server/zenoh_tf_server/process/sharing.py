@@ -175,7 +175,7 @@ class Sharing:
         if listener is None or path is None:
             return None
         self._keeper = LeaseKeeper(tree)
-        hello = handover.message(self._tree_name, self._instance, limits)
+        hello = handover.message(self._tree_name, self._instance, limits, tree._motion_limits())
         threads.start("share", self._hand_over, listener, hello, tree, serve)
         final = path.with_suffix(handover.SUFFIX)
         path.rename(final)

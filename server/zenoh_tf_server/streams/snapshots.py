@@ -43,7 +43,8 @@ class Snapshots:
         self._interests = interests
         self._instance = instance
         self._settings = wire.TreeSettings(
-            cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth
+            *(cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth),
+            tree._motion_limits(),
         )
 
     def snapshot(self, message: wire.Message, client: str) -> wire.Message:

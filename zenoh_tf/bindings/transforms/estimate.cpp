@@ -1,4 +1,5 @@
-// Tree._estimate: a zenoh_tf.Estimate; Tree._estimate_record: its fields. Tree._set_motion_limits.
+// Tree._estimate: a zenoh_tf.Estimate; Tree._estimate_record: its fields. Tree._set_motion_limits,
+// Tree._motion_limits.
 //
 // GIL: kept, as by every single lookup, but released for backtests.
 #include <cmath>
@@ -112,9 +113,17 @@ nb::object estimate_object(const AnyTree& tree, nb::handle kind, nb::handle targ
   return out;
 }
 
-void set_motion_limits(Tree& tree, nb::handle child, double speed, double accel, double rate,
+template <class AnyTree>
+void set_motion_limits(AnyTree& tree, nb::handle child, double speed, double accel, double rate,
                        double rate_accel) {
   tree.set_motion_limits(frame_name_of(child, "child"), {speed, accel, rate, rate_accel});
+}
+
+nb::dict motion_limits(const Tree& tree) {
+  nb::dict out;
+  for (const auto& [child, limits] : tree.all_motion_limits())
+    out[str_of(child)] = nb::make_tuple(limits.speed, limits.accel, limits.rate, limits.rate_accel);
+  return out;
 }
 
 }  // namespace
@@ -142,9 +151,9 @@ void bind_estimate(nb::class_<T>& tree) {
   tree.def("_estimate", method<&estimate_object<T>>, nb::arg("kind"), nb::arg("target_frame"),
            nb::arg("source_frame"), nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"),
            nb::arg("max_by_ns"), nb::arg("radius_m"));
-  if constexpr (std::is_same_v<T, Tree>)
-    tree.def("_set_motion_limits", &set_motion_limits, nb::arg("child"), nb::arg("speed"),
-             nb::arg("accel"), nb::arg("rate"), nb::arg("rate_accel"));
+  tree.def("_set_motion_limits", &set_motion_limits<T>, nb::arg("child"), nb::arg("speed"),
+           nb::arg("accel"), nb::arg("rate"), nb::arg("rate_accel"));
+  if constexpr (std::is_same_v<T, Tree>) tree.def("_motion_limits", &motion_limits);
 }
 template void bind_estimate(nb::class_<Tree>&);
 template void bind_estimate(nb::class_<SharedTree>&);

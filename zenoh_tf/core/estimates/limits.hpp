@@ -36,6 +36,11 @@ class MotionLimitTable {
   void set(std::string_view child, const MotionLimits& limits);
   [[nodiscard]] bool empty() const noexcept { return size_.load(std::memory_order_acquire) == 0; }
   [[nodiscard]] MotionLimits find(std::string_view child) const;
+  // Returns a copy of all.
+  [[nodiscard]] std::map<std::string, MotionLimits, std::less<>> all() const {
+    const std::lock_guard lock(mutex_);
+    return limits_;
+  }
 
  private:
   mutable std::mutex mutex_;

@@ -13,6 +13,16 @@ namespace {
 // How often a path may change between the two transactions of an estimate.
 constexpr int kAttempts = 8;
 
+// Returns the limits of each link, or none at all if the table is empty.
+template <class AnyTree>
+std::vector<MotionLimits> limits_of(const AnyTree& tree, const MotionLimitTable& table,
+                                    const PathNow& path) {
+  std::vector<MotionLimits> limits;
+  if (!table.empty())
+    for (const LinkNow& link : path.links) limits.push_back(table.find(tree.name(link.child)));
+  return limits;
+}
+
 // `read` runs a transaction, `edits` returns a number that changes with the histories of a path
 // otherwise than by newer samples, and `limits` returns those of each link, or none.
 template <class Read, class Edits, class Limits>
@@ -59,13 +69,7 @@ void estimate(const TreeState& tree, const EstimateQuery& query, EstimateAnswer&
           edits += tree.edits[link.child].load(std::memory_order_acquire);
         return edits;
       },
-      [&](const PathNow& path) {
-        std::vector<MotionLimits> limits;
-        if (!tree.motion_limits.empty())
-          for (const LinkNow& link : path.links)
-            limits.push_back(tree.motion_limits.find(tree.name(link.child)));
-        return limits;
-      });
+      [&](const PathNow& path) { return limits_of(tree, tree.motion_limits, path); });
 }
 
 void SharedTree::estimate(const EstimateQuery& query, EstimateAnswer& answer) const {
@@ -82,7 +86,7 @@ void SharedTree::estimate(const EstimateQuery& query, EstimateAnswer& answer) co
         }
         return edits;
       },
-      [](const PathNow&) { return std::vector<MotionLimits>(); });
+      [&](const PathNow& path) { return limits_of(*this, motion_limits_, path); });
 }
 
 }  // namespace ztf

@@ -23,6 +23,7 @@
 #include "base/options.hpp"
 #include "estimates/cache.hpp"
 #include "estimates/estimate.hpp"
+#include "estimates/limits.hpp"
 #include "reads/query.hpp"
 #include "reads/velocity.hpp"
 #include "shared/mapped_memory.hpp"
@@ -101,6 +102,10 @@ class SharedTree {
                           std::size_t max_reads = static_cast<std::size_t>(-1)) const;
   void lookup_velocity(const VelocityQuery& query, VelocityAnswer& answer) const;
   void estimate(const EstimateQuery& query, EstimateAnswer& answer) const;
+  // Of this process: the region has none.
+  void set_motion_limits(std::string_view child, const MotionLimits& limits) {
+    motion_limits_.set(child, limits);
+  }
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const;
   Failure chain(const Query& query, std::vector<FrameId>& frames) const;
   [[nodiscard]] std::vector<NamedInfo> ancestors(std::span<const FrameId> starts,
@@ -162,6 +167,7 @@ class SharedTree {
   const std::atomic<bool>& ever_reparented_;
   const std::atomic<std::uint64_t>& ids_freed_;
   mutable EstimateCache estimate_cache_;
+  MotionLimitTable motion_limits_;
 };
 
 }  // namespace ztf
