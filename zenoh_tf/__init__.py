@@ -7,7 +7,7 @@ This package has the embedded tree, and the types that client and server share.
 from importlib.metadata import version as _version
 
 from zenoh_tf import errors
-from zenoh_tf._core import LatestTransform, StampedTransform, Transform
+from zenoh_tf._core import Estimate, LatestTransform, StampedTransform, Transform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import (
     AccessDenied,
@@ -32,7 +32,7 @@ from zenoh_tf.errors import (
     TransactionConflict,
     TransformException,
 )
-from zenoh_tf.estimate import Estimate, EstimateArray
+from zenoh_tf.estimate import EstimateArray
 from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
 from zenoh_tf.introspection import native_signatures

@@ -19,6 +19,7 @@ from zenoh_tf._core_stubs.columns import columns_of_pairs as columns_of_pairs
 from zenoh_tf._core_stubs.columns import decode_puts as decode_puts
 from zenoh_tf._core_stubs.columns import decode_tf_message as decode_tf_message
 from zenoh_tf._core_stubs.columns import decode_tf_messages as decode_tf_messages
+from zenoh_tf._core_stubs.estimates import Estimate as Estimate
 from zenoh_tf._core_stubs.estimates import Estimates as _Estimates
 from zenoh_tf._core_stubs.points import deskew_by_samples as deskew_by_samples
 from zenoh_tf._core_stubs.points import map_rows as map_rows

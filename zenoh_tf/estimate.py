@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Mapping
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from zenoh_tf import _core
-from zenoh_tf._core import Transform
+from zenoh_tf._core import Estimate, Transform
 from zenoh_tf.errors import TooUncertain, must_be
 
 if TYPE_CHECKING:
@@ -34,60 +35,19 @@ MOTION_LIMITS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A pose at a time, mostly beyond the newest samples, with bounds of its errors.
+def estimate_of(record: Mapping[str, Any]) -> Estimate:
+    """Return the estimate of a map of its fields.
 
-    The bounds are those of the same question about past instants, whose answers are known by now;
-    docs/how-to/estimate.md says what they promise, and what they do not.
-
-    Attributes:
-        target_frame: Frame in which the pose is.
-        source_frame: Frame whose pose it is.
-        transform: ``X_target_source`` at `stamp_ns`, in metres.
-        stamp_ns: Time of the pose in nanoseconds.
-        error_m: Bound of the position's error in metres, at the origin of the source frame, or at
-            all points within the radius asked for. Infinite if there is nothing to compare with.
-        error_rad: Bound of the orientation's error in radians.
-        level: Share of the answers that are within both bounds. Below the level asked for if the
-            history is too short.
-        backtests: Number of independent past instants that the bounds rest on.
-        basis: ``"backtest"``; ``"limits"`` if all links that move have declared limits of motion,
-            so that the bounds are guaranteed; ``"static"`` if no link moves.
-        by_ns: How far the worst link is carried beyond its newest sample, in nanoseconds; 0 if all
-            links are interpolated.
-        limiting_link: Parent and child of the link that adds most to the error; None if none does.
-        predictor: How each link beyond its newest sample is carried on, by its child: ``"hold"`` or
-            ``"twist"``.
+    Args:
+        record: Values by field name, from a server; the transform is x, y, z in metres, qx, qy,
+            qz, qw.
     """
-
-    target_frame: str
-    source_frame: str
-    transform: Transform
-    stamp_ns: int
-    error_m: float
-    error_rad: float
-    level: float
-    backtests: int
-    basis: str
-    by_ns: int
-    limiting_link: tuple[str, str] | None
-    predictor: dict[str, str]
-
-    @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> Estimate:
-        """Return the instance of a map of the fields, whose transform is a list.
-
-        Args:
-            record: Values by field name, from the native tree or a server; the transform is x, y,
-                z in metres, qx, qy, qz, qw.
-        """
-        values = {name: record[name] for name in cls.__slots__}
-        values["transform"] = Transform.from_pose(values["transform"])
-        if (link := values["limiting_link"]) is not None:
-            parent, child = link
-            values["limiting_link"] = parent, child
-        return cls(**values)
+    values = {name: record[name] for name in Estimate.__match_args__}
+    values["transform"] = Transform.from_pose(values["transform"])
+    if (link := values["limiting_link"]) is not None:
+        parent, child = link
+        values["limiting_link"] = parent, child
+    return Estimate(**values)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -156,6 +116,7 @@ class EstimateArray:
         return f"EstimateArray({len(self)} rows{f', {failed} failed' if failed else ''})"
 
 
+@functools.lru_cache(64)  # it takes half of the time
 def max_by_ns(max_by_s: float) -> int:
     """Return how far links may be carried on, in nanoseconds.
 
@@ -242,7 +203,6 @@ class Estimator(Protocol[NoAnswer_co]):
 
     def _estimate(
         self,
-        kind: type[Estimate],
         target_frame: str,
         source_frame: str,
         stamp_ns: int | None,
@@ -319,8 +279,8 @@ class TreeEstimates(_core.Tree):
         Example:
             `tree.estimate_transform("map", "gripper", max_error_m=0.02).transform`
         """
-        by_ns, now_ns = max_by_ns(max_by_s), self._now_ns()
-        found = self._estimate(Estimate, target, source, stamp_ns, now_ns, level, by_ns, radius_m)
+        by_ns = max_by_ns(max_by_s)
+        found = self._estimate(target, source, stamp_ns, self._now_ns(), level, by_ns, radius_m)
         if max_error_m is max_error_rad is min_level is None or not isinstance(found, Estimate):
             return found
         least = level if min_level is None else min_level

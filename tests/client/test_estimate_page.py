@@ -56,4 +56,4 @@ def test_the_fields_are_on_the_page(client: TransformClient) -> None:
     found = client.estimate_transform("map", "base")
     table = PAGE.partition("## The fields")[2].partition("\n## ")[0]
     shown = set(re.findall(r"`(\w+)`", table))
-    assert {*type(found).__slots__} - {"target_frame", "source_frame"} <= shown
+    assert {*type(found).__match_args__} - {"target_frame", "source_frame"} <= shown

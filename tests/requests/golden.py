@@ -20,6 +20,7 @@ from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import TransformRows, reply_to_lookup
 from zenoh_tf._net import keys, local_requests
 from zenoh_tf.errors import BY_CODE, FACTS, TransformException
+from zenoh_tf.estimate import estimate_of
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.wire import stream
 from zenoh_tf_client.session.server_info import parse_server_info
@@ -102,8 +103,9 @@ def read_value(kind: type, parse: Callable[[Any], Any] = lambda value: value) ->
 
 def read_estimate(value: Any) -> Any:
     """An estimate with its pose as numbers, which JSON can hold."""
-    found: Any = Estimate.from_record(value)
-    return dataclasses.replace(found, transform=found.transform.pose())
+    found = estimate_of(value)
+    fields = {name: getattr(found, name) for name in Estimate.__match_args__}
+    return fields | {"transform": found.transform.pose()}
 
 
 def call(what: str, **arguments: Any) -> tuple[Callable[[], bytes], Read]:

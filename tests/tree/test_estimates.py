@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import pickle
 import threading
@@ -357,3 +358,15 @@ def test_estimates_of_concurrent_commits_are_consistent(concurrency: Any) -> Non
     finally:
         stop.set()
         writer.join()
+
+
+def test_an_estimate_is_a_value() -> None:
+    tree = moving(lambda seconds: Transform((seconds, 0, 0)))
+    first, same = (tree.estimate_transform("map", "base", END_NS + 50 * MS) for _ in range(2))
+    assert first == same and hash(first) == hash(same)
+    assert first != tree.estimate_transform("map", "base", END_NS + 60 * MS)
+    assert pickle.loads(pickle.dumps(first)) == copy.copy(first) == first
+    assert eval(repr(first)) == first
+    assert first.predictor == {"base": "twist"}
+    with pytest.raises(AttributeError):
+        first.error_m = 0.0  # type: ignore[misc]

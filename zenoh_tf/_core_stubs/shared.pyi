@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf._core import Budget, Tree
-from zenoh_tf._core_stubs.estimates import EstimateColumns
+from zenoh_tf._core_stubs.estimates import Estimate, EstimateColumns
 from zenoh_tf._core_stubs.transform import LatestTransform, Rows, StampedTransform
-from zenoh_tf.estimate import Estimate
 
 LAYOUT: tuple[int, int]  # version and hash of the layout that this build writes and reads
 
@@ -91,7 +90,6 @@ class SharedTree:
     ) -> EstimateColumns | AskServer: ...
     def _estimate(
         self,
-        kind: type[Estimate],
         target_frame: str,
         source_frame: str,
         stamp_ns: int | None,

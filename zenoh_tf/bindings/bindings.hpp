@@ -258,6 +258,7 @@ void bind_transform(nb::module_& m);
 void bind_transform_rows(nb::module_& m);
 void bind_apply(nb::class_<Pose>& transform);
 void bind_stamped(nb::module_& m);
+void bind_estimate_class(nb::module_& m);
 void bind_tree(nb::module_& m);
 void bind_commit(nb::class_<Tree>& tree);
 void bind_puts(nb::module_& m, nb::class_<Tree>& tree);

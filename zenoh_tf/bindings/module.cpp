@@ -7,6 +7,7 @@ NB_MODULE(_core, m) {
   nanobind::set_leak_warnings(false);
   ztf::bind_transform(m);
   ztf::bind_stamped(m);
+  ztf::bind_estimate_class(m);
   ztf::bind_transform_rows(m);
   ztf::bind_deskew(m);
   ztf::bind_budget(m);

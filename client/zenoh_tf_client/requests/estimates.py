@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from zenoh_tf import Estimate, EstimateArray, _core, wire
 from zenoh_tf.errors import ProtocolError
-from zenoh_tf.estimate import check, max_by_ns
+from zenoh_tf.estimate import check, estimate_of, max_by_ns
 
 from . import columns
 from .request import Call, Request
@@ -40,7 +40,7 @@ def estimate_transform(
     def parse(reply: wire.Message) -> Estimate:
         record = wire.parse_value(reply, dict)
         try:
-            estimate = Estimate.from_record(record)
+            estimate = estimate_of(record)
         except (KeyError, TypeError, ValueError) as error:
             raise ProtocolError(
                 f"the estimate in the reply is malformed: {error!r}", field="value"

@@ -4,113 +4,59 @@
 // GIL: kept, as by every single lookup, but released for backtests.
 #include <cmath>
 
-#include "bindings/bindings.hpp"
+#include "bindings/transforms/estimate_class.hpp"
 
 namespace ztf {
 
 namespace {
 
-// An estimate with the names of its links, which belong to its ids.
-struct NamedEstimate {
-  EstimateAnswer answer;
-  std::string parent, child;
-  std::vector<std::string> carried;
-};
-
 template <class AnyTree>
-void estimate(const AnyTree& tree, nb::handle target, nb::handle source, EstimateQuery& query,
-              NamedEstimate& found) {
+Estimate estimate(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
+                  Stamp now, double level, Stamp max_by, double radius) {
+  EstimateQuery query = estimate_query(stamp, now, level, max_by, radius);
+  EstimateAnswer a;
+  Estimate found;
   (void)tree.read_names([&] {
     query.target = frame_of(tree, target, "target_frame").id;
     query.source = frame_of(tree, source, "source_frame").id;
     const GilReleasedOnWait released;
-    tree.estimate(query, found.answer);
-    if (found.answer.failure.code != Code::ok) return true;
-    if (found.answer.child != 0) {
-      found.parent = tree.name(found.answer.parent);
-      found.child = tree.name(found.answer.child);
+    tree.estimate(query, a);
+    if (a.failure.code != Code::ok) return true;
+    if (a.child != 0) {
+      found.parent = tree.name(a.parent);
+      found.child = tree.name(a.child);
     }
     found.carried.clear();
-    for (const CarriedLink& link : found.answer.carried)
-      found.carried.push_back(tree.name(link.child));
+    found.carried.reserve(a.carried.size());
+    for (const CarriedLink& link : a.carried)
+      found.carried.emplace_back(tree.name(link.child), link.by_twist);
     return true;
   });
-  const Failure& failure = found.answer.failure;
-  if (failure.code == Code::ok) return;
-  const std::string note =
-      failure.code == Code::forward
-          ? " and carried on by at most " + std::to_string(query.max_by) + " ns (max_by_s)"
-          : "";
-  raise(make_error(tree, failure, target, source, note));
-}
-
-// A str that is made once, and lives as long as the process.
-nb::handle interned(const char* text) { return PyUnicode_InternFromString(text); }
-
-// Calls put(name, value) for each field of zenoh_tf.Estimate.
-template <class Put>
-void put_fields(const NamedEstimate& found, const EstimateQuery& query, nb::handle target,
-                nb::handle source, const nb::object& transform, Put&& put) {
-  const EstimateAnswer& a = found.answer;
+  if (a.failure.code != Code::ok) {
+    const std::string note =
+        a.failure.code == Code::forward
+            ? " and carried on by at most " + std::to_string(query.max_by) + " ns (max_by_s)"
+            : "";
+    raise(make_error(tree, a.failure, target, source, note));
+  }
   static const nb::handle bases[] = {interned("backtest"), interned("limits"), interned("static")};
-  static const nb::handle predictors[] = {interned("hold"), interned("twist")};
-  static const nb::handle names[] = {
-      interned("target_frame"), interned("source_frame"),  interned("transform"),
-      interned("stamp_ns"),     interned("error_m"),       interned("error_rad"),
-      interned("level"),        interned("backtests"),     interned("basis"),
-      interned("by_ns"),        interned("limiting_link"), interned("predictor")};
-  const nb::handle* name = names;
-  const auto next = [&](const nb::handle& value) { put(*name++, value); };
-  nb::dict predictor;
-  for (std::size_t i = 0; i < found.carried.size(); ++i)
-    predictor[str_of(found.carried[i])] = predictors[a.carried[i].by_twist];
-  next(target);
-  next(source);
-  next(transform);
-  next(nb::int_(query.stamp));
-  next(nb::float_(a.metres));
-  next(nb::float_(a.radians));
-  next(nb::float_(a.level));
-  next(nb::int_(a.backtests));
-  next(bases[static_cast<int>(a.basis)]);
-  next(nb::int_(a.by));
-  next(a.child == 0 ? nb::object(nb::none())
-                    : nb::object(nb::make_tuple(str_of(found.parent), str_of(found.child))));
-  next(predictor);
+  found.target = nb::borrow(target);
+  found.source = nb::borrow(source);
+  found.pose = a.pose;
+  found.stamp = query.stamp;
+  found.metres = a.metres;
+  found.radians = a.radians;
+  found.level = a.level;
+  found.backtests = a.backtests;
+  found.basis = nb::borrow(bases[static_cast<int>(a.basis)]);
+  found.by = a.by;
+  return found;
 }
 
 template <class AnyTree>
 nb::dict estimate_record(const AnyTree& tree, nb::handle target, nb::handle source,
                          nb::handle stamp, Stamp now, double level, Stamp max_by, double radius) {
-  EstimateQuery query = estimate_query(stamp, now, level, max_by, radius);
-  NamedEstimate found;
-  estimate(tree, target, source, query, found);
-  nb::list pose;
-  const double* const values = &found.answer.pose.x;
-  for (int i = 0; i < 7; ++i) pose.append(values[i]);
-  nb::dict out;
-  put_fields(found, query, target, source, pose,
-             [&](nb::handle name, nb::handle value) { out[name] = value; });
-  return out;
-}
-
-// The same as an instance of that class, which is frozen: its fields are set as its constructor
-// does. That takes a third of the time that the constructor would.
-template <class AnyTree>
-nb::object estimate_object(const AnyTree& tree, nb::handle kind, nb::handle target,
-                           nb::handle source, nb::handle stamp, Stamp now, double level,
-                           Stamp max_by, double radius) {
-  EstimateQuery query = estimate_query(stamp, now, level, max_by, radius);
-  NamedEstimate found;
-  estimate(tree, target, source, query, found);
-  static const nb::handle create = interned("__new__");
-  const nb::object out = kind.attr(create)(kind);
-  put_fields(found, query, target, source, nb::cast(found.answer.pose),
-             [&](nb::handle name, nb::handle value) {
-               if (PyObject_GenericSetAttr(out.ptr(), name.ptr(), value.ptr()))
-                 throw nb::python_error();
-             });
-  return out;
+  return record_of(estimate(tree, target, source, stamp, now, level, max_by, radius));
 }
 
 template <class AnyTree>
@@ -148,9 +94,9 @@ void bind_estimate(nb::class_<T>& tree) {
   tree.def("_estimate_record", method<&estimate_record<T>>, nb::arg("target_frame"),
            nb::arg("source_frame"), nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"),
            nb::arg("max_by_ns"), nb::arg("radius_m"));
-  tree.def("_estimate", method<&estimate_object<T>>, nb::arg("kind"), nb::arg("target_frame"),
-           nb::arg("source_frame"), nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"),
-           nb::arg("max_by_ns"), nb::arg("radius_m"));
+  tree.def("_estimate", method<&estimate<T>>, nb::arg("target_frame"), nb::arg("source_frame"),
+           nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"), nb::arg("max_by_ns"),
+           nb::arg("radius_m"));
   tree.def("_set_motion_limits", &set_motion_limits<T>, nb::arg("child"), nb::arg("speed"),
            nb::arg("accel"), nb::arg("rate"), nb::arg("rate_accel"));
   if constexpr (std::is_same_v<T, Tree>) tree.def("_motion_limits", &motion_limits);
