@@ -4,7 +4,7 @@ from __future__ import annotations
 
 #: By module of `aio/` the synchronous module, from which it is made.
 FILES = {
-    **{name: name for name in ("lookups", "estimates", "sensor_data", "writes")},
+    **{name: name for name in ("lookups", "estimates", "writes")},
     **{name: name for name in ("introspection", "transaction", "batch")},
     "broadcaster": "publish/broadcaster",
     "mirror": "mirror/mirror",
@@ -35,9 +35,6 @@ SENTENCES = {
     "An `Async": "A `",
     "A coroutine function that reads": "Reads",
     "in an ``async with`` block": "in a ``with`` block",
-    "`zenoh_tf.Dropped`. On the event loop.": (
-        "`zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`."
-    ),
     "Concurrency: one task at a time": "Thread safety: one thread at a time",
 }
 #: By file, anything that is there once.
@@ -122,7 +119,7 @@ OWN_TEXTS = {
         "Calls of other tasks that wait for a reply fail at once.": (
             "Calls of other threads that wait for a reply fail soon."
         ),
-        "exists. Not a coroutine.": "exists.",
+        "; `on_drop` is called on the event loop. Not a coroutine.": ".",
         ": ``await tf.instance``.": ".",
         " Not a coroutine, as it only records.": "",
         """\

@@ -36,11 +36,7 @@ class Batch(BatchOperations):
     """
 
     def __init__(self, connection: Connection) -> None:
-        """Use `TransformClient.batch` instead.
-
-        Args:
-            connection: The connection to send the batch on.
-        """
+        """Use `TransformClient.batch` instead."""
         self._connection = connection
         self._recorded: list[tuple[Request[Any], Handle[Any]]] = []
 

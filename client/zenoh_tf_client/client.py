@@ -23,7 +23,6 @@ from .mirror.watch import Watch
 from .mirror.watching import Terms
 from .publish.broadcaster import Broadcaster
 from .requests.receipt import Receipt
-from .sensor_data import SensorData
 from .session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE, Connection
 from .session.mapped_tree import MappedTree, Mode, check
 from .session.shared_reads import SharedReads
@@ -33,7 +32,7 @@ from .writes import Writes
 T = TypeVar("T")
 
 
-class TransformClient(Lookups, Estimates, SensorData, Writes, Introspection):
+class TransformClient(Lookups, Estimates, Writes, Introspection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
@@ -177,21 +176,7 @@ class TransformClient(Lookups, Estimates, SensorData, Writes, Introspection):
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
     ) -> Gate:
-        """Make a gate, which holds sensor data until its transform exists.
-
-        Args:
-            target: Frame to express coordinates in.
-            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has fetched yet. It drops further ones as `"full"`.
-            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
-            on_drop: Called with each item that is dropped, and the reason; see
-                `zenoh_tf.Dropped`. On a thread of the gate, or of the caller of `put` or `close`.
-
-        Returns:
-            A `Gate`, to be used in a ``with`` block.
-
-        Raises:
-            InvalidArgumentException: An argument is invalid.
+        """As `TransformTree.gate`.
 
         Example:
             ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``

@@ -58,12 +58,7 @@ class Transaction:
     """
 
     def __init__(self, connection: Connection, reads: SharedReads) -> None:
-        """Use `TransformClient.transaction` instead.
-
-        Args:
-            connection: The connection to read and commit on.
-            reads: How the connection's client reads.
-        """
+        """Use `TransformClient.transaction` instead."""
         self._connection = connection
         self._shared = reads
         self._instance: str | None = None
@@ -90,7 +85,7 @@ class Transaction:
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None
     ) -> StampedTransform:
-        """As `TransformClient.lookup_transform`."""
+        """As `TransformTree.lookup_transform`."""
         return self._read(lookups.lookup_transform(target, source, stamp_ns))
 
     def lookup_transform_full(
@@ -101,7 +96,7 @@ class Transaction:
         source_stamp_ns: int | None,
         fixed_frame: str,
     ) -> StampedTransform:
-        """As `TransformClient.lookup_transform_full`."""
+        """As `TransformTree.lookup_transform_full`."""
         return self._read(
             lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame
@@ -109,21 +104,21 @@ class Transaction:
         )
 
     def can_transform(self, target: str, source: str, stamp_ns: int | None = None) -> bool:
-        """As `TransformClient.can_transform`."""
+        """As `TransformTree.can_transform`."""
         return self._read(lookups.can_transform(target, source, stamp_ns))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
-        """As `TransformClient.lookup_latest_transform_xact`."""
+        """As `TransformTree.lookup_latest_transform_xact`."""
         return self._read(lookups.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> list[LatestTransform]:
-        """As `TransformClient.lookup_latest_transforms_xact`."""
+        """As `TransformTree.lookup_latest_transforms_xact`."""
         return self._read(lookups.lookup_latest_transforms_xact(pairs))
 
     def latest_common_time(self, a: str, b: str) -> int | None:
-        """As `TransformClient.latest_common_time`."""
+        """As `TransformTree.latest_common_time`."""
         return self._read(lookups.latest_common_time(a, b))
 
     def set_transform(
@@ -144,7 +139,7 @@ class Transaction:
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> None:
-        """As `TransformClient.set_transforms_xact`, but at the commit.
+        """As `TransformTree.set_transforms_xact`, but at the commit.
 
         Raises:
             InvalidArgumentException: As for `set_transform`.

@@ -34,11 +34,7 @@ class AsyncBatch(BatchOperations):
     """
 
     def __init__(self, connection: Connection) -> None:
-        """Use `AsyncTransformClient.batch` instead.
-
-        Args:
-            connection: The connection to send the batch on.
-        """
+        """Use `AsyncTransformClient.batch` instead."""
         self._connection = connection
         self._recorded: list[tuple[Request[Any], Handle[Any]]] = []
 

@@ -22,7 +22,6 @@ from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
 from .mirror import AsyncMirror
-from .sensor_data import AsyncSensorData
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
 from .session.threads import in_thread
@@ -33,9 +32,7 @@ from .writes import AsyncWrites
 T = TypeVar("T")
 
 
-class AsyncTransformClient(
-    AsyncLookups, AsyncEstimates, AsyncSensorData, AsyncWrites, AsyncIntrospection
-):
+class AsyncTransformClient(AsyncLookups, AsyncEstimates, AsyncWrites, AsyncIntrospection):
     """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
 
     It has the methods of `TransformClient` as coroutines, with the same arguments, results and
@@ -186,21 +183,7 @@ class AsyncTransformClient(
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
     ) -> AsyncGate:
-        """Make a gate, which holds sensor data until its transform exists. Not a coroutine.
-
-        Args:
-            target: Frame to express coordinates in.
-            queue_size: Most items that it holds, from 1 to 100,000: those that wait, and those that
-                nobody has fetched yet. It drops further ones as `"full"`.
-            timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
-            on_drop: Called with each item that is dropped, and the reason; see
-                `zenoh_tf.Dropped`. On the event loop.
-
-        Returns:
-            A `AsyncGate`, to be used in an ``async with`` block.
-
-        Raises:
-            InvalidArgumentException: An argument is invalid.
+        """As `TransformTree.gate`; `on_drop` is called on the event loop. Not a coroutine.
 
         Example:
             ``async with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``

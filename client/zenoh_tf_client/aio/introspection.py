@@ -18,16 +18,10 @@ class AsyncIntrospection:
     _reads: SharedReads
 
     async def frames(self) -> list[str]:
-        """List the names of all frames.
+        """As `TransformTree.frames`, in no particular order.
 
         A large tree is listed in several requests: a frame that is created or removed meanwhile
         may be listed or not.
-
-        Returns:
-            The names, in no particular order.
-
-        Raises:
-            ServiceException: As for every call; see the class.
         """
         found = self._reads.mapped.tree.frames()
         if type(found) is not AskServer:
@@ -40,41 +34,14 @@ class AsyncIntrospection:
         return names
 
     async def frame(self, name: str) -> FrameInfo:
-        """Describe a frame and the link to its parent.
-
-        Args:
-            name: The frame.
-
-        Returns:
-            The parent, authority, stamps in nanoseconds and counters, read at one instant.
-
-        Raises:
-            LookupException: The frame is unknown.
-            InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.frame`."""
         found = self._reads.mapped.tree.frame(name)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.frame(name))
 
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
-        """Say why a lookup succeeds or fails: the chain link by link, and what limits it.
-
-        Example: `print(await tf.explain("map", "camera"))`
-
-        Args:
-            target: The lookup's target.
-            source: The lookup's source.
-            stamp_ns: The lookup's time in nanoseconds; None for the latest common time.
-
-        Returns:
-            The explanation, of the tree as of one instant.
-
-        Raises:
-            InvalidArgumentException: A name or the stamp is invalid.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.explain`."""
         frames = await self._ancestors(target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else await self.frames()
         return explaining.explain(target, source, stamp_ns, frames, names)
@@ -87,14 +54,7 @@ class AsyncIntrospection:
         return await self._reads.ask(found, info.ancestors(target, source, stamp_ns))
 
     async def authorities(self) -> list[AuthorityInfo]:
-        """List what each authority has published.
-
-        Returns:
-            One record for each authority, in the order of their first commits.
-
-        Raises:
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.authorities`."""
         return await self._connection.call(info.authorities())
 
     async def clients(self) -> list[ClientInfo]:
@@ -109,59 +69,24 @@ class AsyncIntrospection:
         return await self._connection.call(info.clients())
 
     async def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        """Return the parent of a frame.
-
-        Args:
-            frame: The frame.
-            stamp_ns: The time in nanoseconds; None for the newest parent.
-
-        Returns:
-            The parent's name; None if the frame is a root.
-
-        Raises:
-            LookupException: The frame is unknown.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out is invalid.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.parent`."""
         found = self._reads.mapped.tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.parent(frame, stamp_ns))
 
     async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
-        """Return the frames on the path between two frames.
-
-        Args:
-            target: The frame where the path begins.
-            source: The frame where the path ends.
-            stamp_ns: The time in nanoseconds; None for the latest common time of all links
-                between the two frames.
-
-        Returns:
-            The frames in order, from `target` to `source`, both included.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out is invalid.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.chain`."""
         found = self._reads.mapped.tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, info.chain(target, source, stamp_ns))
 
     async def stats(self) -> dict[str, int]:
-        """Return the counters of the tree, of the server, and of how this client reads.
+        """As `TransformTree.stats`, with the counters of the server and of how this client reads.
 
-        Returns:
-            Values by the counters' names. ``reads_shared`` is 1 if lookups read the server's memory
-            now, ``reads_mapped`` counts how often it was mapped, ``reads_asked_*`` the lookups that
-            asked the server instead, and ``reads_refused_*`` why its memory was not mapped.
-
-        Raises:
-            ServiceException: As for every call; see the class.
+        ``reads_shared`` is 1 if lookups read the server's memory now, ``reads_mapped`` counts how
+        often it was mapped, ``reads_asked_*`` the lookups that asked the server instead, and
+        ``reads_refused_*`` why its memory was not mapped.
         """
         return await self._connection.call(info.stats()) | self._reads.mapped.stats()

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from zenoh_tf import (
-    LatestTransform,
-    StampedTransform,
-    TransformArray,
-    Velocity,
-)
+from zenoh_tf import LatestTransform, StampedTransform, TransformArray, Velocity
+from zenoh_tf.points import Sweep, deskew
 from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from ..requests import lookups
@@ -72,30 +69,7 @@ class AsyncLookups:
         fixed_frame: str,
         timeout_s: float = 0.0,
     ) -> StampedTransform:
-        """Look up the pose of `source` at one time in `target` at another time.
-
-        Args:
-            target: The frame to express the pose in.
-            target_stamp_ns: The time of `target` in nanoseconds; None for the latest common time
-                of `target` and `fixed_frame`.
-            source: The frame whose pose is asked for.
-            source_stamp_ns: The time of `source` in nanoseconds; None for the latest common time
-                of `source` and `fixed_frame`.
-            fixed_frame: The frame that is assumed not to move between the two times.
-            timeout_s: How long the server may wait for writes that make the lookup possible, in
-                seconds from 0 to 3600.
-
-        Returns:
-            ``X_target_source`` from `source` at `source_stamp_ns` to `target` at
-            `target_stamp_ns`, in metres, stamped `target_stamp_ns`.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out is invalid.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.lookup_transform_full`; the server waits, up to 3600 s."""
         found = self._tree.lookup_transform_full(
             target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
         )
@@ -109,23 +83,7 @@ class AsyncLookups:
     async def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> bool:
-        """Return whether `lookup_transform` with the same arguments would succeed.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamp_ns: The time in nanoseconds; None for the latest common time of all links
-                between the two frames.
-            timeout_s: How long the server may wait for writes that make the lookup possible, in
-                seconds from 0 to 3600.
-
-        Returns:
-            True if the lookup would succeed, False if it would raise an error of the tree.
-
-        Raises:
-            InvalidArgumentException: `stamp_ns` or `timeout_s` is invalid.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.can_transform`; the server waits, up to 3600 s."""
         found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
         if type(found) is not AskServer:
             return found
@@ -134,25 +92,7 @@ class AsyncLookups:
         )
 
     async def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
-        """Look up the pose of `source` in `target` from the newest sample of each link.
-
-        The links are read one after another, so they may come from different commits.
-        `lookup_latest_transform_xact` reads one snapshot.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-
-        Returns:
-            ``X_target_source``, the oldest stamp among the samples used (``stamp_ns``) and the
-            newest one (``newest_stamp_ns``).
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.lookup_latest_transform`."""
         found = self._tree.lookup_latest_transform(target, source)
         if found:
             return found
@@ -186,19 +126,7 @@ class AsyncLookups:
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> list[LatestTransform]:
-        """Look up several latest poses in one atomic snapshot.
-
-        Args:
-            pairs: (target, source) frames of each pose.
-
-        Returns:
-            For each pair what `lookup_latest_transform_xact` returns, in order.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServiceException: As for every call; see the class.
+        """As `TransformTree.lookup_latest_transforms_xact`.
 
         Example:
             ``arm, cup = await tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
@@ -214,42 +142,14 @@ class AsyncLookups:
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
     ) -> TransformArray:
-        """Look up many poses in one request, each in a transaction of its own.
-
-        Args:
-            targets: (n,) frames to express the poses in, or one frame for all rows.
-            sources: (n,) frames whose poses are asked for, or one frame for all rows.
-            stamps_ns: (n,) times in nanoseconds, or one for all rows; None for the latest common
-                times.
-
-        Returns:
-            (n,) rows. Row i is ``X_target_source`` of lookup i, in metres. A row that failed has
-            its error's code in ``status``.
-
-        Raises:
-            InvalidArgumentException: The lengths differ, or a stamp is not a 64-bit integer.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.lookup_transforms`, in one request."""
         found = self._tree.lookup_transforms(targets, sources, stamps_ns)
         if type(found) is not AskServer:
             return found
         return await self._reads.ask(found, lookups.lookup_transforms(targets, sources, stamps_ns))
 
     async def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
-        """Look up the pose of `source` in `target` at many times in one request.
-
-        Args:
-            target: The frame to express the pose in.
-            source: The frame whose pose is asked for.
-            stamps_ns: (n,) times in nanoseconds; sorted times are fastest.
-
-        Returns:
-            (n,) rows. Row i is ``X_target_source`` at ``stamps_ns[i]``, in metres. A row that
-            failed has its error's code in ``status``.
-
-        Raises:
-            InvalidArgumentException: A stamp is not a 64-bit integer.
-            ServiceException: As for every call; see the class.
+        """As `TransformTree.sample`, in one request.
 
         Example:
             ``path = (await tf.sample("map", "camera", stamps_ns)).translations``
@@ -257,22 +157,7 @@ class AsyncLookups:
         return await self.lookup_transforms(target, source, stamps_ns)
 
     async def latest_common_time(self, a: str, b: str) -> int | None:
-        """Return the newest time that every link between two frames can serve.
-
-        Args:
-            a: One frame.
-            b: The other frame.
-
-        Returns:
-            The time in nanoseconds; None if all links between the frames are static.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name is empty or not valid UTF-8.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.latest_common_time`."""
         found = self._tree.latest_common_time(a, b)
         if type(found) is not AskServer:
             return found
@@ -289,31 +174,7 @@ class AsyncLookups:
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Velocity:
-        """Look up how fast `tracking_frame` moves as seen from `observation_frame`.
-
-        Args:
-            tracking_frame: The frame that moves.
-            observation_frame: The frame that counts as standing still.
-            stamp_ns: The middle of the averaging interval in nanoseconds; None for the latest
-                common time of the two frames.
-            averaging_interval_s: The length of the interval, from 1e-9 to 1e9 seconds.
-            reference_frame: The frame whose axes the velocity is expressed in; None for
-                `observation_frame`.
-            reference_point: (3,) metres: the point of the moving body whose linear velocity is
-                asked for.
-            reference_point_frame: The frame that `reference_point` is expressed in; None for
-                `tracking_frame`.
-
-        Returns:
-            The mean linear velocity in m/s and the mean angular velocity in rad/s, (3,) each.
-
-        Raises:
-            LookupException: A frame is unknown.
-            ConnectivityException: No path connects the two frames.
-            ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: An argument is invalid.
-            ServiceException: As for every call; see the class.
-        """
+        """As `TransformTree.lookup_velocity`."""
         found = self._tree.lookup_velocity(
             tracking_frame,
             observation_frame,
@@ -335,3 +196,30 @@ class AsyncLookups:
             reference_point_frame=reference_point_frame,
         )
         return await self._reads.ask(found, request)
+
+    async def deskew(
+        self,
+        points: ArrayLike,
+        stamps_ns: ArrayLike,
+        source: str,
+        fixed_frame: str,
+        at_ns: int,
+        *,
+        out: NDArray[Any] | None = None,
+    ) -> NDArray[Any]:
+        """As `TransformTree.deskew`.
+
+        The points stay in this process: where the server's memory is not mapped, a query fetches
+        the pose at each distinct stamp.
+
+        Raises:
+            LimitExceeded: There are more distinct stamps than a message may have rows.
+
+        Example:
+            ``cloud = tf.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))``
+        """
+        sweep = Sweep(points, stamps_ns, at_ns, out)
+        found = deskew(self._tree, sweep, source, fixed_frame)
+        if type(found) is not AskServer:
+            return found
+        return await self._reads.ask(found, lookups.deskew(sweep, source, fixed_frame))

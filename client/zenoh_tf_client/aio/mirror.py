@@ -64,21 +64,7 @@ class AsyncMirror(MirrorCopy):
         timeout_s: float,
         interest: wire.Interest | None,
     ) -> None:
-        """Use `AsyncTransformClient.mirror` instead.
-
-        Args:
-            connection: The connection to the server.
-            reads: How transactions read that do not read here.
-            timeout_s: How long to wait for the first copy, in seconds.
-            interest: What to follow; None for everything.
-
-        Raises:
-            ServerUnavailable: See `AsyncTransformClient.mirror`, also for the others.
-            AccessDenied: The same.
-            TimeoutException: The same.
-            LimitExceeded: The same.
-            InvalidArgumentException: The same.
-        """
+        """Use `AsyncTransformClient.mirror` instead."""
         super().__init__(connection.opened, timeout_s, interest)
         self._connection = connection
         self._reads = reads
@@ -238,7 +224,7 @@ class AsyncMirror(MirrorCopy):
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
     ) -> AsyncGate:
-        """As `AsyncTransformClient.gate`: make a gate, which looks up in the mirror.
+        """As `TransformTree.gate`: make a gate, which looks up in the mirror.
 
         Example:
             ``async with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``

@@ -56,12 +56,7 @@ class AsyncTransaction:
     """
 
     def __init__(self, connection: Connection, reads: SharedReads) -> None:
-        """Use `AsyncTransformClient.transaction` instead.
-
-        Args:
-            connection: The connection to read and commit on.
-            reads: How the connection's client reads.
-        """
+        """Use `AsyncTransformClient.transaction` instead."""
         self._connection = connection
         self._shared = reads
         self._instance: str | None = None
@@ -88,7 +83,7 @@ class AsyncTransaction:
     async def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None
     ) -> StampedTransform:
-        """As `AsyncTransformClient.lookup_transform`."""
+        """As `TransformTree.lookup_transform`."""
         return await self._read(lookups.lookup_transform(target, source, stamp_ns))
 
     async def lookup_transform_full(
@@ -99,7 +94,7 @@ class AsyncTransaction:
         source_stamp_ns: int | None,
         fixed_frame: str,
     ) -> StampedTransform:
-        """As `AsyncTransformClient.lookup_transform_full`."""
+        """As `TransformTree.lookup_transform_full`."""
         return await self._read(
             lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame
@@ -107,21 +102,21 @@ class AsyncTransaction:
         )
 
     async def can_transform(self, target: str, source: str, stamp_ns: int | None = None) -> bool:
-        """As `AsyncTransformClient.can_transform`."""
+        """As `TransformTree.can_transform`."""
         return await self._read(lookups.can_transform(target, source, stamp_ns))
 
     async def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
-        """As `AsyncTransformClient.lookup_latest_transform_xact`."""
+        """As `TransformTree.lookup_latest_transform_xact`."""
         return await self._read(lookups.lookup_latest_transform_xact(target, source))
 
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> list[LatestTransform]:
-        """As `AsyncTransformClient.lookup_latest_transforms_xact`."""
+        """As `TransformTree.lookup_latest_transforms_xact`."""
         return await self._read(lookups.lookup_latest_transforms_xact(pairs))
 
     async def latest_common_time(self, a: str, b: str) -> int | None:
-        """As `AsyncTransformClient.latest_common_time`."""
+        """As `TransformTree.latest_common_time`."""
         return await self._read(lookups.latest_common_time(a, b))
 
     def set_transform(
@@ -142,7 +137,7 @@ class AsyncTransaction:
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> None:
-        """As `AsyncTransformClient.set_transforms_xact`, but at the commit.
+        """As `TransformTree.set_transforms_xact`, but at the commit.
 
         Raises:
             InvalidArgumentException: As for `set_transform`.

@@ -42,60 +42,21 @@ class AsyncWrites:
     async def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> None:
-        """Store transforms atomically, all or none of them, and wait until the server has them.
-
-        Args:
-            stampeds: Transforms, each ``X_parent_child`` as in `set_transform`.
-            authority: The name to publish as.
-            static: True for transforms that hold at all times.
-
-        Raises:
-            InvalidArgumentException: A transform is invalid, is older than the server's cache
-                time, or would close a cycle.
-            LimitExceeded: A limit is reached, such as the number of frames.
-            ServiceException: As for every write; see the class.
-        """
+        """As `TransformTree.set_transforms_xact`; waits until the server has them."""
         await self._connection.call(writes.set_transforms_xact(stampeds, authority, static))
 
     async def clear(self, keep_static: bool = True) -> None:
-        """Forget all samples, for all clients of the server. The frames' names stay.
-
-        Args:
-            keep_static: True to keep static transforms.
-
-        Raises:
-            LimitExceeded: A limit is reached, such as the number of frames.
-            ServiceException: As for every write; see the class.
-        """
+        """As `TransformTree.clear`, for all clients of the server."""
         await self._connection.call(writes.clear(keep_static))
 
     async def reset(self) -> None:
-        """Drop every frame at one instant: all samples, static links and names.
+        """As `TransformTree.reset`, for all clients of the server.
 
-        The tree is then as new, apart from its counters and authorities. Broadcasters that
-        keep static transforms do not announce them again until a server starts, and then all.
-
-        Raises:
-            ServiceException: As for every write; see the class.
-
-        Example:
-            >>> await tf.reset()
-            >>> await tf.frames()
-            []
+        Broadcasters that keep static transforms do not announce them again until a server starts,
+        and then all.
         """
         await self._connection.call(writes.reset())
 
     async def remove_frame(self, name: str, subtree: bool = False) -> None:
-        """Forget a frame: its link, its history and its name.
-
-        Args:
-            name: The frame.
-            subtree: True to remove all frames below it as well, atomically.
-
-        Raises:
-            LookupException: The frame is unknown.
-            InvalidArgumentException: Other frames are below it, and `subtree` is False.
-            LimitExceeded: A limit is reached, such as the number of frames.
-            ServiceException: As for every write; see the class.
-        """
+        """As `TransformTree.remove_frame`, for all clients of the server."""
         await self._connection.call(writes.remove_frame(name, subtree))

@@ -47,21 +47,7 @@ class Mirror(MirrorCopy):
         timeout_s: float,
         interest: wire.Interest | None,
     ) -> None:
-        """Use `TransformClient.mirror` instead.
-
-        Args:
-            connection: The connection to the server.
-            reads: How transactions read that do not read here.
-            timeout_s: How long to wait for the first copy, in seconds.
-            interest: What to follow; None for everything.
-
-        Raises:
-            ServerUnavailable: See `TransformClient.mirror`, also for the others.
-            AccessDenied: The same.
-            TimeoutException: The same.
-            LimitExceeded: The same.
-            InvalidArgumentException: The same.
-        """
+        """Use `TransformClient.mirror` instead."""
         super().__init__(connection, timeout_s, interest)
         self._connection = connection
         self._reads = reads
@@ -181,7 +167,7 @@ class Mirror(MirrorCopy):
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
     ) -> Gate:
-        """As `TransformClient.gate`: make a gate, which looks up in the mirror.
+        """As `TransformTree.gate`: make a gate, which looks up in the mirror.
 
         Example:
             ``with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``

@@ -28,18 +28,7 @@ class Broadcaster(Publishing):
     def __init__(
         self, connection: Connection, authority: str, open_broadcasters: set[Broadcaster]
     ) -> None:
-        """Use `TransformClient.broadcaster` instead.
-
-        Args:
-            connection: The connection to publish on.
-            authority: The name to publish as, at most 255 bytes of UTF-8.
-            open_broadcasters: The set to be in until `close`.
-
-        Raises:
-            InvalidArgumentException: `authority` is too long or not valid UTF-8.
-            ServerUnavailable: The connection is closed.
-            AccessDenied: The server's access rules do not allow to publish as `authority`.
-        """
+        """Use `TransformClient.broadcaster` instead."""
         super().__init__(connection, authority, open_broadcasters)
         self._connection = connection
 

@@ -40,7 +40,7 @@ class BatchOperations(ABC):
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[StampedTransform]:
-        """As `TransformClient.lookup_transform`."""
+        """As `TransformTree.lookup_transform`."""
         return self._record(lookups.lookup_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_transform_full(
@@ -52,7 +52,7 @@ class BatchOperations(ABC):
         fixed_frame: str,
         timeout_s: float = 0.0,
     ) -> Handle[StampedTransform]:
-        """As `TransformClient.lookup_transform_full`."""
+        """As `TransformTree.lookup_transform_full`."""
         return self._record(
             lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
@@ -62,21 +62,21 @@ class BatchOperations(ABC):
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[bool]:
-        """As `TransformClient.can_transform`."""
+        """As `TransformTree.can_transform`."""
         return self._record(lookups.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> Handle[LatestTransform]:
-        """As `TransformClient.lookup_latest_transform`."""
+        """As `TransformTree.lookup_latest_transform`."""
         return self._record(lookups.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> Handle[LatestTransform]:
-        """As `TransformClient.lookup_latest_transform_xact`."""
+        """As `TransformTree.lookup_latest_transform_xact`."""
         return self._record(lookups.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> Handle[list[LatestTransform]]:
-        """As `TransformClient.lookup_latest_transforms_xact`."""
+        """As `TransformTree.lookup_latest_transforms_xact`."""
         return self._record(lookups.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
@@ -85,15 +85,15 @@ class BatchOperations(ABC):
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
     ) -> Handle[TransformArray]:
-        """As `TransformClient.lookup_transforms`."""
+        """As `TransformTree.lookup_transforms`."""
         return self._record(lookups.lookup_transforms(targets, sources, stamps_ns))
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
-        """As `TransformClient.sample`."""
+        """As `TransformTree.sample`."""
         return self._record(lookups.sample(target, source, stamps_ns))
 
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
-        """As `TransformClient.latest_common_time`."""
+        """As `TransformTree.latest_common_time`."""
         return self._record(lookups.latest_common_time(a, b))
 
     def lookup_velocity(
@@ -107,7 +107,7 @@ class BatchOperations(ABC):
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Handle[Velocity]:
-        """As `TransformClient.lookup_velocity`."""
+        """As `TransformTree.lookup_velocity`."""
         return self._record(
             lookups.lookup_velocity(
                 tracking_frame,
@@ -174,29 +174,29 @@ class BatchOperations(ABC):
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> Handle[None]:
-        """As `TransformClient.set_transforms_xact`."""
+        """As `TransformTree.set_transforms_xact`."""
         return self._record(writes.set_transforms_xact(stampeds, authority, static))
 
     # --- introspection
 
     def frames(self) -> Handle[list[str]]:
-        """As `TransformClient.frames`."""
+        """As `TransformTree.frames`."""
         return self._record(info.frames())
 
     def frame(self, name: str) -> Handle[FrameInfo]:
-        """As `TransformClient.frame`."""
+        """As `TransformTree.frame`."""
         return self._record(info.frame(name))
 
     def authorities(self) -> Handle[list[AuthorityInfo]]:
-        """As `TransformClient.authorities`."""
+        """As `TransformTree.authorities`."""
         return self._record(info.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> Handle[str | None]:
-        """As `TransformClient.parent`."""
+        """As `TransformTree.parent`."""
         return self._record(info.parent(frame, stamp_ns))
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> Handle[list[str]]:
-        """As `TransformClient.chain`."""
+        """As `TransformTree.chain`."""
         return self._record(info.chain(target, source, stamp_ns))
 
     def stats(self) -> Handle[dict[str, int]]:
