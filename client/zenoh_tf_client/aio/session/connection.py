@@ -19,8 +19,7 @@ from ...failover.connection import open_connection
 from ...requests.request import Request
 from ...session import connection
 from ...session.mapped_tree import MappedTree, Mode
-from .message import Operation
-from .outbox import Outbox
+from .outbox import Operation, Outbox
 from .threads import in_thread
 from .transport import Transport
 from .waits import Wait, Waits

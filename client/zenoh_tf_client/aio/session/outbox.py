@@ -7,21 +7,112 @@ them is answered.
 
 from __future__ import annotations
 
+import asyncio
 import itertools
-from collections.abc import Hashable, Sequence
-from typing import Final
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, Final, Generic, TypeVar
 
 from zenoh_tf.errors import ServerUnavailable
 
+from ...requests.request import Request
 from ...session.exchange import Exchange
-from .message import AnyOperation, Message
+from .drive import Drive
+from .joining import Joined, join
 from .transport import Transport
+
+T = TypeVar("T")
 
 #: Messages under way, apart from lookups that wait at the server: several, so that client and
 #: server work at the same time, and few, so that calls collect when either falls behind.
 _MESSAGES: Final = 16
 #: Operations in one message: more would gain little, and delay the first.
 _OPERATIONS: Final = 1000
+
+
+class Operation(Generic[T]):
+    """A request, and the future that its caller awaits."""
+
+    __slots__ = ("future", "message", "request")
+
+    def __init__(self, request: Request[T], future: asyncio.Future[T]) -> None:
+        self.request = request
+        self.future = future
+        self.message: Message | None = None  # once it is under way
+
+    def succeed(self, result: T) -> None:
+        """Give the caller the result."""
+        if not self.future.done():
+            self.future.set_result(result)
+
+    def settle(self, result: Callable[[], T]) -> None:
+        """Give the caller the result, or the error that `result` raises."""
+        if self.future.done():  # cancelled
+            return
+        try:
+            self.future.set_result(result())
+        except Exception as error:
+            self.future.set_exception(error)
+
+    def fail(self, error: Exception) -> None:
+        """Give the caller an error."""
+        if not self.future.done():
+            self.future.set_exception(error)
+
+
+AnyOperation = Operation[Any]
+
+
+class Message(Drive):
+    """Sends operations together, and gives each its result."""
+
+    __slots__ = ("_joined", "_left", "_operations", "_outbox", "waits")
+
+    def __init__(
+        self,
+        operations: Sequence[AnyOperation],
+        transport: Transport,
+        exchange: Exchange,
+        outbox: Outbox,
+    ) -> None:
+        first = operations[0].request
+        self._joined: Joined | None = None
+        if len(operations) > 1:
+            self._joined = join([operation.request for operation in operations])
+        super().__init__(transport, exchange.call(self._joined or first))
+        self._outbox = outbox
+        self._operations = operations
+        self._left = len(operations)  # those that are not cancelled
+        #: Whether the server may wait before it replies.
+        self.waits = first.wait_s > 0
+        for operation in operations:
+            operation.message = self
+
+    def cancel_one(self) -> None:
+        """Record that the caller of an operation has gone. Nobody waits after the last one."""
+        self._left -= 1
+        if self._left == 0:
+            self._cancel()
+            self._outbox.finished(self)
+
+    def _done(self, result: Any, error: Exception | None) -> None:
+        self._outbox.finished(self)
+        operations, joined = self._operations, self._joined
+        self._operations = ()  # or each would refer to the other, and wait for the collector
+        if error is None:
+            if joined is None:
+                operations[0].succeed(result)
+                return
+            for operation, each in zip(operations, result, strict=True):
+                operation.settle(each)
+        elif joined is not None and joined.is_refused(error):
+            # Bisects, so that only the operation that is to blame fails.
+            waiting = [operation for operation in operations if not operation.future.done()]
+            half = (len(waiting) + 1) // 2
+            self._outbox.send(waiting[:half])
+            self._outbox.send(waiting[half:])
+        else:
+            for operation in operations:
+                operation.fail(error)
 
 
 class Outbox:
