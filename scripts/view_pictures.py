@@ -112,7 +112,7 @@ def robot(path: Path, *, cup: bool = False) -> None:
         if t < 6:
             rows.append(("base_link", "lidar", planar(0.5, 0, 5 * t, 0.5)))
         positions = np.array([0.6 * math.sin(0.6 * t), 0.4 + 0.4 * math.sin(0.5 * t), 0.1, t, 0.03])
-        moved = joints.move(["pan", "elbow", "slide", "roll", "left"], positions)
+        moved = joints.move(["pan", "elbow", "slide", "roll", "left"], positions, 0)
         rows += [
             (moved.names[parent], moved.names[child], Transform.from_pose(pose))
             for parent, child, pose in zip(moved.parent, moved.child, moved.pose, strict=True)

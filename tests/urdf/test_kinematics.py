@@ -18,8 +18,9 @@ from zenoh_tf import (
     Transform,
     TransformTree,
 )
+from zenoh_tf._core import TransformRows
 from zenoh_tf_tools.urdf import reader
-from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, Moved, fixed_transforms
+from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
 
 HERE = Path(__file__).parent
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
@@ -34,11 +35,11 @@ def arm() -> reader.Robot:
 
 def move(joints: JointTransforms, positions: dict[str, float]) -> dict[str, Transform]:
     """X_parent_child by child."""
-    moved = joints.move(list(positions), np.array(list(positions.values())))
+    moved = joints.move(list(positions), np.array(list(positions.values())), 1)
     return {stamped.child_frame: stamped.transform for stamped in rows(moved)}
 
 
-def rows(moved: Moved) -> list[StampedTransform]:
+def rows(moved: TransformRows) -> list[StampedTransform]:
     return [
         StampedTransform(moved.names[parent], moved.names[child], 1, Transform(pose[:3], pose[3:]))
         for parent, child, pose in zip(moved.parent, moved.child, moved.pose, strict=True)
@@ -51,7 +52,7 @@ def test_every_link_is_where_yourdfpy_puts_it(arm: reader.Robot, number: int) ->
     names, positions = list(case["positions"]), np.array(list(case["positions"].values()))
     tree = TransformTree()
     tree.set_transforms_xact(fixed_transforms(arm, FRAMES), static=True)
-    tree.set_transforms_xact(rows(JointTransforms(arm, FRAMES).move(names, positions)))
+    tree.set_transforms_xact(rows(JointTransforms(arm, FRAMES).move(names, positions, 1)))
     assert len(case["poses"]) == 11
     for link, expected in case["poses"].items():
         got = tree.lookup_transform("r1/base", f"r1/{link}", 1).transform.matrix()
@@ -70,7 +71,7 @@ def test_prefixes() -> None:
 
 
 def test_rotations_are_unit_quaternions(arm: reader.Robot) -> None:
-    moved = JointTransforms(arm).move(["pan", "elbow"], np.array([1e6, -300.0]))
+    moved = JointTransforms(arm).move(["pan", "elbow"], np.array([1e6, -300.0]), 1)
     np.testing.assert_allclose(np.linalg.norm(moved.pose[:, 3:], axis=1), 1.0, atol=1e-14)
 
 
@@ -113,7 +114,7 @@ def test_what_is_left_out_is_counted(arm: reader.Robot) -> None:
 
 
 def test_the_last_of_two_positions_counts(arm: reader.Robot) -> None:
-    moved = JointTransforms(arm).move(["slide", "slide"], np.array([0.1, 0.0]))
+    moved = JointTransforms(arm).move(["slide", "slide"], np.array([0.1, 0.0]), 1)
     assert moved.pose[0, :3].tolist() == pytest.approx([0.2, 0.1, 0.0])
 
 

@@ -12,10 +12,7 @@ import threading
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from zenoh_tf import TransformException, wire
-from zenoh_tf._core import TransformRows
 from zenoh_tf._net import keys
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state
@@ -121,10 +118,8 @@ class JointStateFeed:
         if state.stamp_ns == 0:
             self.counts.no_stamp += 1
             return
-        moved = self._joints.move(state.name, state.position)
-        if len(moved.pose):
-            stamps = np.full(len(moved.pose), state.stamp_ns, np.int64)
-            rows = TransformRows(moved.names, moved.parent, moved.child, stamps, moved.pose)
+        rows = self._joints.move(state.name, state.position, state.stamp_ns)
+        if len(rows):
             self._publisher.put(wire.pack(wire.commit_body(wire.Commit(rows))))
 
     def _report(self, key: str, error: ProtocolError) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import StampedTransform
+from zenoh_tf._core import TransformRows
 
 from .reader import MOVING, Joint, Robot
 
@@ -57,16 +58,6 @@ class Counts:
     unknown_joints: int = 0  # names that the robot has not
     not_numbers: int = 0  # positions that are NaN or infinite; their joints are left out
     beyond_limits: int = 0  # positions outside of the joint's limits; published all the same
-
-
-@dataclass(slots=True)
-class Moved:
-    """The transforms of one message: a row for each joint, ``X_parent_child`` in metres."""
-
-    names: list[str]  # frames, each once
-    parent: NDArray[np.uint32]  # (n,) indexes into names
-    child: NDArray[np.uint32]  # (n,)
-    pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +106,16 @@ class JointTransforms:
         """The joints that a position moves."""
         return self._joints
 
-    def move(self, names: Sequence[str], positions: NDArray[np.float64]) -> Moved:
+    def move(
+        self, names: Sequence[str], positions: NDArray[np.float64], stamp_ns: int
+    ) -> TransformRows:
         """Return the transforms of the joints of one message, and of those that mimic them.
 
         Args:
             names: (n,) joints. Unknown ones are counted and left out. Of a name that is there
                 twice the last one counts.
             positions: (n,) radians; metres of sliding joints.
+            stamp_ns: The time of the message in nanoseconds.
 
         Returns:
             A row for each joint that moves. A joint that mimics another has the position that the
@@ -147,7 +141,7 @@ class JointTransforms:
         pose = np.empty((value.size, 7))
         pose[:, :3] = self._origin[row] + (value * self._slide[row])[:, None] * self._direction[row]
         pose[:, 3:] = self._turned[row] * np.sin(half) + self._rotation[row] * np.cos(half)
-        return Moved(names_, parent, child, pose)
+        return TransformRows(names_, parent, child, np.full(value.size, stamp_ns, np.int64), pose)
 
     def _count(self, counter: str, joints: Sequence[str]) -> None:
         if joints:

@@ -10,6 +10,7 @@ Thread safety: all functions.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,89 +132,83 @@ def _parse_xml(text: bytes, source: str) -> Element:
     return root
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A joint or link of a file, whose errors name both."""
+
+    source: str
+    kind: str  # "joint" or "link"
+    name: str
+
+    def invalid(self, reason: str) -> InvalidArgumentException:
+        """The error of something that is wrong with it."""
+        return InvalidArgumentException(
+            f"{self.source}: {self.kind} {self.name!r}: {reason}", field=self.name
+        )
+
+    def numbers(
+        self, element: Element | None, attribute: str, default: Sequence[float]
+    ) -> list[float]:
+        """The finite numbers of an attribute, as many as `default` has, which holds if the element
+        or the attribute is left out. Raises InvalidArgumentException if they are others."""
+        text = None if element is None else element.get(attribute)
+        if text is None:
+            return list(default)
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != len(default) or not all(map(math.isfinite, values)):
+            count = {1: "a number", 3: "three numbers", 4: "four numbers"}[len(default)]
+            raise self.invalid(f"{attribute}={text[:80]!r} is not {count}")
+        return values
+
+    def origin(self, element: Element) -> Transform:
+        """The pose that the <origin> in an element says; the identity if it has none."""
+        origin = element.find("origin")
+        xyz = self.numbers(origin, "xyz", (0.0, 0.0, 0.0))
+        roll, pitch, yaw = self.numbers(origin, "rpy", (0.0, 0.0, 0.0))
+        return Transform.from_rpy(roll, pitch, yaw, xyz)
+
+
 def _joint(element: Element, source: str) -> Joint:
-    name = name_of(element, source)
+    part = Part(source, "joint", name_of(element, source))
     kind = element.get("type", "")
     if kind not in _KINDS:
-        raise _invalid(source, name, f"its type is {kind!r}, not one of {', '.join(_KINDS)}")
-    parent, child = (_link(element, tag, source, name) for tag in ("parent", "child"))
-    origin = element.find("origin")
-    xyz = numbers(origin, "xyz", (0.0, 0.0, 0.0), source, name)
-    roll, pitch, yaw = numbers(origin, "rpy", (0.0, 0.0, 0.0), source, name)
-    axis = np.array(numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), source, name))
+        raise part.invalid(f"its type is {kind!r}, not one of {', '.join(_KINDS)}")
+    parent, child = (_link(element, tag, part) for tag in ("parent", "child"))
+    origin = part.origin(element)
+    axis = np.array(part.numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0)))
     if kind in MOVING:
         length = float(np.linalg.norm(axis))
         if not 1e-6 < length < 1e6:
-            raise _invalid(source, name, f"its axis {axis.tolist()} has no direction")
+            raise part.invalid(f"its axis {axis.tolist()} has no direction")
         axis /= length
     limit = element.find("limit")
     lower, upper = -math.inf, math.inf
     if limit is not None and kind in ("revolute", "prismatic"):
-        [lower] = numbers(limit, "lower", (0.0,), source, name)  # the default of URDF
-        [upper] = numbers(limit, "upper", (0.0,), source, name)
+        [lower] = part.numbers(limit, "lower", (0.0,))  # the default of URDF
+        [upper] = part.numbers(limit, "upper", (0.0,))
     mimic = element.find("mimic")
-    return Joint(
-        name,
-        kind,
-        parent,
-        child,
-        Transform.from_rpy(roll, pitch, yaw, xyz),
-        axis,
-        None if mimic is None or kind not in MOVING else _mimic(mimic, source, name),
-        lower,
-        upper,
-    )
+    moved = None if mimic is None or kind not in MOVING else _mimic(mimic, part)
+    return Joint(part.name, kind, parent, child, origin, axis, moved, lower, upper)
 
 
-def _link(element: Element, tag: str, source: str, joint: str) -> str:
+def _link(element: Element, tag: str, joint: Part) -> str:
     end = element.find(tag)
     link = "" if end is None else end.get("link", "")
     if not link:
-        raise _invalid(source, joint, f"it has no <{tag} link=...>")
+        raise joint.invalid(f"it has no <{tag} link=...>")
     return link
 
 
-def _mimic(element: Element, source: str, joint: str) -> Mimic:
+def _mimic(element: Element, joint: Part) -> Mimic:
     other = element.get("joint", "")
     if not other:
-        raise _invalid(source, joint, "its <mimic> names no joint")
-    [multiplier] = numbers(element, "multiplier", (1.0,), source, joint)
-    [offset] = numbers(element, "offset", (0.0,), source, joint)
+        raise joint.invalid("its <mimic> names no joint")
+    [multiplier] = joint.numbers(element, "multiplier", (1.0,))
+    [offset] = joint.numbers(element, "offset", (0.0,))
     return Mimic(other, multiplier, offset)
-
-
-def numbers(
-    element: Element | None,
-    attribute: str,
-    default: Sequence[float],
-    source: str,
-    owner: str,
-    kind: str = "joint",
-) -> list[float]:
-    """The finite numbers of an attribute, as many as `default` has.
-
-    Args:
-        element: The element; None if it is left out.
-        attribute: Its attribute.
-        default: What holds if the element or the attribute is left out.
-        source: The file, for errors.
-        owner: The joint or link that it belongs to, for errors.
-        kind: Which of the two.
-
-    Raises:
-        InvalidArgumentException: They are other ones, or not as many.
-    """
-    text = None if element is None else element.get(attribute)
-    if text is None:
-        return list(default)
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
-    if len(values) != len(default) or not all(map(math.isfinite, values)):
-        count = {1: "a number", 3: "three numbers", 4: "four numbers"}[len(default)]
-        raise _invalid(source, owner, f"{attribute}={text[:80]!r} is not {count}", kind)
-    return values
 
 
 def _check_tree(links: Sequence[str], joints: Sequence[Joint], source: str) -> str:
@@ -225,7 +220,7 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], source: str) -> s
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in known:
-                raise _invalid(source, joint.name, f"there is no link {link!r}")
+                raise Part(source, "joint", joint.name).invalid(f"there is no link {link!r}")
     if twice := _repeated([joint.child for joint in joints]):
         raise InvalidArgumentException(
             f"{source}: link {twice!r} is the child of two joints", field=twice
@@ -249,7 +244,7 @@ def _check_loops(children: dict[str, Joint], roots: Sequence[str], source: str) 
         path, link = {joint.child}, joint.parent
         while link not in reaches_root:
             if link in path:
-                raise _invalid(source, joint.name, "its links are a loop")
+                raise Part(source, "joint", joint.name).invalid("its links are a loop")
             path.add(link)
             link = children[link].parent
         reaches_root |= path
@@ -263,20 +258,17 @@ def _check_mimics(joints: dict[str, Joint], source: str) -> None:
         while mimic is not None:
             other = joints.get(mimic.joint)
             if other is None or other.kind not in MOVING:
-                raise _invalid(source, joint.name, f"it mimics {mimic.joint!r}, which cannot move")
+                raise Part(source, "joint", joint.name).invalid(
+                    f"it mimics {mimic.joint!r}, which cannot move"
+                )
             if other.name in seen:
-                raise _invalid(source, joint.name, "it mimics itself")
+                raise Part(source, "joint", joint.name).invalid("it mimics itself")
             seen.add(other.name)
             mimic = other.mimic
 
 
 def _repeated(names: Sequence[str]) -> str | None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            return name
-        seen.add(name)
-    return None
+    return next((name for name, count in Counter(names).items() if count > 1), None)
 
 
 def name_of(element: Element, source: str) -> str:
@@ -285,7 +277,3 @@ def name_of(element: Element, source: str) -> str:
     if not name:
         raise InvalidArgumentException(f"{source}: a <{element.tag}> has no name")
     return name
-
-
-def _invalid(source: str, owner: str, reason: str, kind: str = "joint") -> InvalidArgumentException:
-    return InvalidArgumentException(f"{source}: {kind} {owner!r}: {reason}", field=owner)

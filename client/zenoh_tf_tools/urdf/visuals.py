@@ -13,9 +13,9 @@ from typing import Final
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element
 
-from zenoh_tf import InvalidArgumentException, Transform
+from zenoh_tf import Transform
 
-from .reader import name_of, numbers, read_xml
+from .reader import Part, name_of, read_xml
 
 Rgb = tuple[float, float, float]
 
@@ -93,54 +93,54 @@ def read_visuals(path: Path) -> list[Visual]:
         OSError: It cannot be read.
     """
     root = read_xml(path)
+    nobody = Part(str(path), "link", "")  # a material may stand outside of all links
     colours = {
         material.get("name", ""): colour
         for material in root.iter("material")
-        if (colour := _colour(material, str(path), "")) is not None
+        if (colour := _colour(material, nobody)) is not None
     }
     return [visual for link in root.findall("link") for visual in _visuals(link, path, colours)]
 
 
-def _visuals(link: Element, path: Path, colours: Mapping[str, Rgb]) -> Iterator[Visual]:
-    name = name_of(link, str(path))
-    for visual in link.findall("visual"):
+def _visuals(element: Element, path: Path, colours: Mapping[str, Rgb]) -> Iterator[Visual]:
+    link = Part(str(path), "link", name_of(element, str(path)))
+    for visual in element.findall("visual"):
         geometry = visual.find("geometry")
         if geometry is None or not len(geometry):
-            raise _invalid(path, name, "a <visual> has no geometry")
-        origin = visual.find("origin")
-        xyz = numbers(origin, "xyz", (0.0, 0.0, 0.0), str(path), name, "link")
-        roll, pitch, yaw = numbers(origin, "rpy", (0.0, 0.0, 0.0), str(path), name, "link")
+            raise link.invalid("a <visual> has no geometry")
+        origin = link.origin(visual)
         material = visual.find("material")
         colour = None
         if material is not None:
-            colour = _colour(material, str(path), name) or colours.get(material.get("name", ""))
-        yield Visual(
-            name, Transform.from_rpy(roll, pitch, yaw, xyz), _shape(geometry[0], path, name), colour
-        )
+            colour = _colour(material, link) or colours.get(material.get("name", ""))
+        yield Visual(link.name, origin, _shape(geometry[0], path, link), colour)
 
 
-def _shape(element: Element, path: Path, link: str) -> Shape:
+def _shape(element: Element, path: Path, link: Part) -> Shape:
     def one(attribute: str) -> float:
-        [value] = numbers(element, attribute, (0.0,), str(path), link, "link")
+        [value] = link.numbers(element, attribute, (0.0,))
         return value
 
     shape: Shape
+    sizes: tuple[float, ...]
     match element.tag:
         case "box":
-            size = numbers(element, "size", (0.0, 0.0, 0.0), str(path), link, "link")
-            shape, sizes = Box(tuple(size)), tuple(size)
+            sizes = tuple(link.numbers(element, "size", (0.0, 0.0, 0.0)))
+            shape = Box(sizes)
         case "cylinder":
-            shape, sizes = Cylinder(one("radius"), one("length")), (one("radius"), one("length"))
+            sizes = one("radius"), one("length")
+            shape = Cylinder(*sizes)
         case "sphere":
-            shape, sizes = Sphere(one("radius")), (one("radius"),)
+            sizes = (one("radius"),)
+            shape = Sphere(*sizes)
         case "mesh":
-            scale = numbers(element, "scale", (1.0, 1.0, 1.0), str(path), link, "link")
+            scale = link.numbers(element, "scale", (1.0, 1.0, 1.0))
             filename = element.get("filename", "")
             return Mesh(filename, _mesh_path(filename, path), tuple(scale))
         case _:
-            raise _invalid(path, link, f"<{element.tag}> is no geometry of URDF")
+            raise link.invalid(f"<{element.tag}> is no geometry of URDF")
     if min(sizes) <= 0:
-        raise _invalid(path, link, f"its {element.tag} has no size: {sizes}")
+        raise link.invalid(f"its {element.tag} has no size: {sizes}")
     return shape
 
 
@@ -166,13 +166,9 @@ def _packages(name: str, urdf: Path) -> Iterator[Path]:
             yield Path(prefix) / below / name
 
 
-def _colour(material: Element, source: str, link: str) -> Rgb | None:
+def _colour(material: Element, owner: Part) -> Rgb | None:
     colour = material.find("color")
     if colour is None:
         return None
-    red, green, blue, _ = numbers(colour, "rgba", (0.0, 0.0, 0.0, 1.0), source, link, "link")
+    red, green, blue, _ = owner.numbers(colour, "rgba", (0.0, 0.0, 0.0, 1.0))
     return red, green, blue
-
-
-def _invalid(path: Path, link: str, reason: str) -> InvalidArgumentException:
-    return InvalidArgumentException(f"{path}: link {link!r}: {reason}", field=link)
