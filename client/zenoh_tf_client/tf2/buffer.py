@@ -14,10 +14,10 @@ from zenoh_tf.errors import (
 
 from . import frames_text
 from .connection import connect
+from .future import TransformFuture
 from .messages import TransformStamped, message_of, stamped_of
 from .times import Duration, Time, nanoseconds, stamp_ns, time_of
 from .transforming import do_transform
-from .waiting_lookups import WaitingLookups
 
 #: The default time-out: do not wait.
 _NO_WAIT = Duration()
@@ -32,7 +32,7 @@ _NOT_POSSIBLE = (
 )
 
 
-class Buffer(WaitingLookups):
+class Buffer:
     """Queries the server of the process's connection (`connect`).
 
     Lookups return `TransformStamped`, the pose of source in target (``X_target_source``, metres),
@@ -158,6 +158,57 @@ class Buffer(WaitingLookups):
         It is Time() if all links are static. Raises as `lookup_transform`.
         """
         return time_of(connect().latest_common_time(target_frame, source_frame) or 0)
+
+    # --- lookups that wait until they succeed
+
+    def wait_for_transform_async(
+        self, target_frame: str, source_frame: str, time: Any
+    ) -> TransformFuture:
+        """Start a `lookup_transform` that waits until it succeeds; return its future."""
+        return TransformFuture(
+            lambda client, wait_s: client.lookup_transform(
+                target_frame, source_frame, stamp_ns(time), wait_s
+            )
+        )
+
+    def wait_for_transform_full_async(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> TransformFuture:
+        """Start a `lookup_transform_full` that waits until it succeeds; return its future."""
+        return TransformFuture(
+            lambda client, wait_s: client.lookup_transform_full(
+                target_frame,
+                stamp_ns(target_time),
+                source_frame,
+                stamp_ns(source_time),
+                fixed_frame,
+                wait_s,
+            )
+        )
+
+    async def lookup_transform_async(
+        self, target_frame: str, source_frame: str, time: Any
+    ) -> TransformStamped:
+        """Return what `lookup_transform` returns, once it succeeds. Raises what it raises."""
+        return await self.wait_for_transform_async(target_frame, source_frame, time)
+
+    async def lookup_transform_full_async(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> TransformStamped:
+        """Return what `lookup_transform_full` returns, once it succeeds."""
+        return await self.wait_for_transform_full_async(
+            target_frame, target_time, source_frame, source_time, fixed_frame
+        )
 
     # --- transforming messages
 
