@@ -23,6 +23,7 @@ from .mirror_transaction import AsyncMirrorTransaction
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
 from .session.threads import in_thread
+from .session.waits import in_rounds
 from .transaction import AsyncTransaction, repeat
 
 T = TypeVar("T")
@@ -158,15 +159,11 @@ class AsyncMirror(MirrorCopy):
             with contextlib.suppress(*lookups.MAY_SUCCEED_LATER):
                 return lookup(0.0)
             async with self._threads:
-                while True:
-                    begin_s = time.monotonic()
-                    round_s = max(0.0, min(_ROUND_S, deadline_s - begin_s))
-                    try:
-                        return await in_thread(functools.partial(lookup, round_s))
-                    except lookups.MAY_SUCCEED_LATER:
-                        # The tree answers early if no write can make the lookup succeed.
-                        if round_s < _ROUND_S or time.monotonic() - begin_s < _ROUND_S / 2:
-                            raise
+                return await in_rounds(
+                    lambda round_s: in_thread(functools.partial(lookup, round_s)),
+                    deadline_s,
+                    _ROUND_S,
+                )
 
     # --- lookups that may ask the server
 
@@ -193,9 +190,6 @@ class AsyncMirror(MirrorCopy):
 
         Args:
             max_age_s: As for `lookup_latest_transform`, in seconds.
-
-        Raises:
-            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
             return (self._current or self._tree).lookup_latest_transform_xact(target, source)
@@ -208,9 +202,6 @@ class AsyncMirror(MirrorCopy):
 
         Args:
             max_age_s: As for `lookup_latest_transform`, in seconds.
-
-        Raises:
-            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
             return self._tree.lookup_latest_transforms_xact(pairs)

@@ -136,9 +136,6 @@ class Mirror(MirrorCopy):
 
         Args:
             max_age_s: As for `lookup_latest_transform`, in seconds.
-
-        Raises:
-            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
             return (self._current or self._tree).lookup_latest_transform_xact(target, source)
@@ -151,9 +148,6 @@ class Mirror(MirrorCopy):
 
         Args:
             max_age_s: As for `lookup_latest_transform`, in seconds.
-
-        Raises:
-            ServerUnavailable: The mirror is closed, or the server was asked and did not answer.
         """
         if max_age_s is None or self._feed.age_s() <= max_age_s:
             return self._tree.lookup_latest_transforms_xact(pairs)

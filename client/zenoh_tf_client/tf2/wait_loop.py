@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
-import time
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
 from typing import Any, Final, TypeVar
@@ -17,8 +16,8 @@ from zenoh_tf import StampedTransform, threads
 from zenoh_tf.errors import ServerUnavailable
 from zenoh_tf_client.aio.client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import Connection
+from zenoh_tf_client.aio.session.waits import in_rounds
 from zenoh_tf_client.client import TransformClient
-from zenoh_tf_client.requests.lookups import MAY_SUCCEED_LATER
 from zenoh_tf_client.session.calls import is_forked, raise_if_forked
 
 from .messages import TransformStamped, message_of
@@ -79,15 +78,9 @@ class WaitLoop:
 
         Raises the lookup's error at the deadline, or once no write can make it succeed.
         """
-        while True:
-            begin_s = time.monotonic()
-            round_s = max(0.0, min(_ROUND_S, deadline_s - begin_s))
-            try:
-                return message_of(await lookup(self.client, round_s))
-            except MAY_SUCCEED_LATER:
-                # The server answers early if no write can make the lookup succeed.
-                if time.monotonic() - begin_s < _ROUND_S / 2:
-                    raise
+        return message_of(
+            await in_rounds(lambda wait_s: lookup(self.client, wait_s), deadline_s, _ROUND_S)
+        )
 
     async def _main(self, started: Future[asyncio.AbstractEventLoop]) -> None:
         #: For the coroutines that `start` runs.
