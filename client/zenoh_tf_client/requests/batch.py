@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from zenoh_tf import wire
@@ -31,7 +32,9 @@ class BatchRequest(Request[None]):
         for wait_s, group in itertools.groupby(recorded, _wait_of_read):
             if wait_s is None:
                 for request, handle in group:
-                    self._add(request.request_type, request.body(), _settler(request, handle))
+                    self._add(
+                        request.request_type, request.body(), partial(handle._settle, request.parse)
+                    )
             else:
                 reads: list[tuple[Read[Any], Handle[Any]]] = list(group)  # type: ignore[arg-type]
                 lookup = columns.join([read.row for read, _ in reads])
@@ -59,10 +62,6 @@ def _wait_of_read(entry: tuple[Request[Any], Handle[Any]]) -> float | None:
     """The time-out of a single read; None for any other operation."""
     request, _ = entry
     return request.wait_s if isinstance(request, Read) else None
-
-
-def _settler(request: Request[Any], handle: Handle[Any]) -> _Settle:
-    return lambda reply: handle._settle(request.parse, reply)
 
 
 def _settler_of_reads(reads: list[tuple[Read[Any], Handle[Any]]]) -> _Settle:

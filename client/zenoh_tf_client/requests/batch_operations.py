@@ -90,7 +90,7 @@ class BatchOperations(ABC):
 
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
         """As `TransformTree.sample`."""
-        return self._record(lookups.sample(target, source, stamps_ns))
+        return self._record(lookups.lookup_transforms(target, source, stamps_ns))
 
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
         """As `TransformTree.latest_common_time`."""

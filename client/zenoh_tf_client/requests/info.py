@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from zenoh_tf.introspection.frame_info import PARTS, FramePart
 
 from . import columns
 from .request import Call, Request
+
+R = TypeVar("R", AuthorityInfo, ClientInfo)
 
 #: A page costs the server a few milliseconds.
 _FRAMES_PER_PAGE: Final = 20_000
@@ -84,19 +86,18 @@ def _frame_info(value: Any) -> FrameInfo:
 
 
 def authorities() -> Request[list[AuthorityInfo]]:
-    def parse(reply: wire.Message) -> list[AuthorityInfo]:
-        records = wire.parse_value(reply, list)
-        return [AuthorityInfo(**_record(record, AuthorityInfo)) for record in records]
-
-    return Call("info", wire.call_body("authorities"), parse)
+    return _records("authorities", AuthorityInfo)
 
 
 def clients() -> Request[list[ClientInfo]]:
-    def parse(reply: wire.Message) -> list[ClientInfo]:
-        records = wire.parse_value(reply, list)
-        return [ClientInfo(**_record(record, ClientInfo)) for record in records]
+    return _records("clients", ClientInfo)
 
-    return Call("info", wire.call_body("clients"), parse)
+
+def _records(what: str, kind: type[R]) -> Request[list[R]]:
+    def parse(reply: wire.Message) -> list[R]:
+        return [kind(**_record(record, kind)) for record in wire.parse_value(reply, list)]
+
+    return Call("info", wire.call_body(what), parse)
 
 
 def _record(

@@ -106,10 +106,6 @@ def with_versions(request: Read[T] | Rows[T]) -> Request[VersionedRead[T]]:
     return Call("lookup", request.body() | {"versions": True}, parse)
 
 
-def sample(target: str, source: str, stamps_ns: ArrayLike) -> Rows[TransformArray]:
-    return lookup_transforms(target, source, stamps_ns)
-
-
 def deskew(sweep: Sweep, source: str, fixed_frame: str) -> Rows[NDArray[Any]]:
     """The poses at the sweep's times, of one snapshot; the points stay here."""
     times = sweep.times()

@@ -159,11 +159,6 @@ class MappedTree:
         """How a lookup would be answered now."""
         return "shared" if self.tree.lease_left_s > 0 else "query"
 
-    def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T] | AskServer:
-        """Look up as a part of a transaction."""
-        tree = self.tree
-        return read_tree(tree, tree.instance, request)
-
     def request_update(self, why: AskServer) -> None:
         """Let the thread map the tree of a new server, if there is one."""
         if self._is_on:

@@ -86,7 +86,7 @@ def open_session(
 def try_session(
     endpoints: Sequence[str], attempt_s: float, credentials: Credentials
 ) -> zenoh.Session:
-    """Open a session in one attempt.
+    """Open a session in one attempt, on another thread.
 
     Raises:
         zenoh.ZError: Nobody opened one within `attempt_s`, or an endpoint is invalid.
@@ -99,12 +99,6 @@ def try_session(
         max_message_bytes=wire.MAX_REPLY_BYTES,
         credentials=credentials,
     )
-    return _attempt(config)
-
-
-def _attempt(config: zenoh.Config) -> zenoh.Session:
-    """Open a session on another thread. Raises ZError, or ServerUnavailable if the program is
-    ending or its process was forked."""
     limit_heaps()  # before the session's threads start
     opened: Future[zenoh.Session] = Future()
     thread = threading.Thread(target=_open, args=(config, opened), name="open session", daemon=True)

@@ -11,7 +11,7 @@ from zenoh_tf.shared_tree import AskServer
 from ..requests import lookups
 from ..requests.request import Read, Request, Rows, VersionedRead
 from .connection import Connection
-from .mapped_tree import MappedTree
+from .mapped_tree import MappedTree, read_tree
 
 T = TypeVar("T")
 
@@ -37,7 +37,8 @@ class SharedReads:
 
     def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""
-        found = self.mapped.read_versions(request)
+        tree = self.mapped.tree
+        found = read_tree(tree, tree.instance, request)
         if not isinstance(found, AskServer):
             return found
         return self.ask(found, lookups.with_versions(request))

@@ -8,7 +8,7 @@ from zenoh_tf.shared_tree import AskServer
 
 from ...requests import lookups
 from ...requests.request import Read, Request, Rows, VersionedRead
-from ...session.mapped_tree import MappedTree
+from ...session.mapped_tree import MappedTree, read_tree
 from .connection import Connection
 
 T = TypeVar("T")
@@ -35,7 +35,8 @@ class SharedReads:
 
     async def read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         """Look up as a part of a transaction."""
-        found = self.mapped.read_versions(request)
+        tree = self.mapped.tree
+        found = read_tree(tree, tree.instance, request)
         if not isinstance(found, AskServer):
             return found
         return await self.ask(found, lookups.with_versions(request))
