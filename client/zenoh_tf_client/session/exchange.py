@@ -68,7 +68,7 @@ class Exchange:
         self._timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
         self.keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
-        #: By what the server distinguishes clients; known once the session is open.
+        #: The id by which the server tells its clients apart; known once the session is open.
         self.client_id: str | None = None
         #: The server that answered last; None if that is not known, or it may have gone.
         self.server: ServerInfo | None = None
@@ -207,7 +207,7 @@ class Exchange:
         message = decode(reply)
         if not self.is_final(message):
             key, payload = query.key, query.payload
-            message = yield from self._until_served(message, key, payload, query.deadline_s)
+            message = yield from self._retry_while_busy(message, key, payload, query.deadline_s)
             if isinstance(message, NoReply):
                 if query.behind is not None:
                     wire.raise_error(query.behind)
@@ -262,7 +262,7 @@ class Exchange:
             left_s = max(deadline_s - time.monotonic(), 0.001)
             key = replica.keys[request.request_type]
             reply = decode((yield Ask(key, payload, left_s)))
-            reply = yield from self._until_served(reply, key, payload, deadline_s)
+            reply = yield from self._retry_while_busy(reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
                 self.replica = None
                 return reply
@@ -314,7 +314,7 @@ class Exchange:
         if not self.is_final(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.
             deadline_s = now_ns * 1e-9 + self._timeout_s
-            reply = yield from self._until_served(reply, key, payload, deadline_s)
+            reply = yield from self._retry_while_busy(reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
                 if reply.at_once:
                     yield from self._check_denied(request, server.instance)
@@ -353,7 +353,7 @@ class Exchange:
             if server.instance == (request.instance or instance):
                 self._key(request.request_type, request.body())
 
-    def _until_served(
+    def _retry_while_busy(
         self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float
     ) -> Steps[wire.Message | NoReply]:
         """Return the reply to a query; send the query again as long as the server is busy and the

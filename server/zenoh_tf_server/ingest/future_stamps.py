@@ -1,6 +1,7 @@
 """Stamps from the future: refused or flagged (``--max-future-s``, ``--future``).
 
-What is decided here is compared row by row where a commit is planned (core/commits/plan.cpp).
+The stamps of calls, and of puts that are only flagged, are compared here; those of puts that may be
+refused, where their commit is planned (core/commits/plan.cpp).
 
 Static transforms hold at all times, so their stamps are not checked. Simulated time starts near
 zero, so it is never ahead of this machine's clock.
