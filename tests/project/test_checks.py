@@ -29,7 +29,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("made_files", f"{AIO}/batch.py", r"\Z", "asyncio.run\n", "still have 'asyncio'"),
     ("made_files", f"{AIO}/transaction.py", r"asyncio.sleep", "wait", "apply nowhere: ['asyncio.s"),
     ("imports", "zenoh_tf/_net/keys.py", r"\A", "import yaml\n", "imports yaml"),
-    ("folders", "client/zenoh_tf_client/tf2/new.py", r"\Z", "", "has 16 files, of at most 15"),
+    ("folders", "zenoh_tf/core/reads/new.hpp", r"\Z", "", "has 16 files, of at most 15"),
     ("sizes", "zenoh_tf/_net/keys.py", r"\Z", 400 * "\n", "split it by subject"),
     (
         "functions",

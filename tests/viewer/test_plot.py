@@ -34,6 +34,15 @@ PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
 S = 10**9
 
 
+@pytest.fixture(autouse=True)
+def settings() -> Iterator[None]:
+    """Matplotlib's defaults: another test of the process may have imported other settings."""
+    matplotlib = pytest.importorskip("matplotlib")
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """map -> base_link from 1 s to 6 s and from 8 s to 9 s, base_link -> wheel from 2 s to 9 s;

@@ -68,7 +68,7 @@ class Exchange:
         self._timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
         self.keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
-        #: The id by which the server tells its clients apart; known once the session is open.
+        #: The id by which the server distinguishes clients; known once the session is open.
         self.client_id: str | None = None
         #: The server that answered last; None if that is not known, or it may have gone.
         self.server: ServerInfo | None = None
