@@ -281,7 +281,7 @@ class Mirroring:
         if self._asked_for > last:
             self.contradictions += 1
             raise ServerRestarted("a later message has come than the server has sent")
-        if not messages:
+        if not messages:  # the gap cannot be closed: a snapshot follows
             raise ServerRestarted("the missed messages are forgotten")
         copy.repeats.clear()
         for data in messages:
