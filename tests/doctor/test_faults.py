@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from zenoh_tf.doctor import CATALOGUE, diagnose
 
 from .faults import FAULTS, Found, clock_ahead
-from .healthy import HEALTHY
+from .healthy import HEALTHY, post_dated
 from .ward import Robot, circle, observed
 
 
@@ -35,6 +36,18 @@ def test_nothing_is_found_in_a_healthy_robot(make: Callable[[Robot], None]) -> N
     robot = Robot()
     make(robot)
     assert names(robot) == set()
+
+
+def test_a_localisation_that_stamps_ahead_is_healthy_in_a_recording() -> None:
+    """A recording has no offsets between the clocks of machines."""
+    robot = Robot()
+    post_dated(robot)
+    facts = observed(robot)
+    publishers = [
+        replace(each, clock_offset_min_s=None, clock_offset_max_s=None)
+        for each in facts.authorities
+    ]
+    assert not diagnose(replace(facts, authorities=publishers))
 
 
 def test_what_was_before_the_doctor_came_is_not_reported() -> None:

@@ -44,7 +44,7 @@ def skewed_clock(facts: TreeFacts) -> Evidence:
             continue
         if timing.least_lead_ns is not None and timing.greatest_lead_ns is not None:
             least, greatest = timing.least_lead_ns / 1e9, timing.greatest_lead_ns / 1e9
-            if _is_off(least, greatest):
+            if _is_off(least, greatest) and not _is_post_dated(facts, link):
                 ahead = "ahead of" if least > 0 else "behind"
                 ends = sorted((abs(least), abs(greatest)))
                 yield (
