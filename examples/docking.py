@@ -9,7 +9,7 @@ import threading
 import time
 from collections import deque
 
-from zenoh_tf import ExtrapolationException, LookupException, StampedTransform, Transform
+from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import TransformClient
 
 MAX_ERROR_M = 0.03
@@ -59,7 +59,7 @@ with TransformClient.connect(parser.parse_args().connect) as tf:
         while True:
             try:
                 found = tf.estimate_transform("dock", "base_link", max_error_m=MAX_ERROR_M)
-            except (ExtrapolationException, LookupException) as error:
+            except TransformException as error:  # uncertain, no link, or no server
                 robot.speed_m_s, stood = 0.0, stood + 1
                 if type(error).__name__ != reason:
                     reason = type(error).__name__
