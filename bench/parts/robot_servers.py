@@ -8,7 +8,6 @@ the message as the stamp. The robots take turns evenly, and share so many sessio
 from __future__ import annotations
 
 import contextlib
-import re
 import sys
 import time
 
@@ -31,6 +30,15 @@ _FIRST_SEQ = 1 << 40
 _SEQ, _CLOCK_NS = 0x0102030405060708, 0x1112131415161718
 
 
+def _bytes(seq: int, clock_ns: int) -> tuple[bytes, ...]:
+    """How a number and a time stand in a message: as such, in the versions and in the stamps."""
+    fields = seq.to_bytes(8, "big"), clock_ns.to_bytes(8, "big")
+    return *fields, (2 * seq).to_bytes(8, "little"), clock_ns.to_bytes(8, "little")
+
+
+_PLACEHOLDERS = _bytes(_SEQ, _CLOCK_NS)
+
+
 def robot_servers(endpoint: str, count: int, rate_hz: float, sessions: int) -> Process:
     """The servers as a process."""
     return Process.of(__name__, endpoint, count, rate_hz, sessions)
@@ -48,37 +56,20 @@ class RobotServer:
         answers = {"hello": self._hello, "snapshot": self._snapshot}
         for request_type, answer in answers.items():
             client.declare_queryable(keys.request(self._tree, request_type), answer)
-        self._pack()
-        self._token = client.liveliness().declare_token(keys.server(self._tree, self._instance))
-
-    def _pack(self) -> None:
-        """Pack the message once: that of thousands a second would take a core from the site."""
+        # Packed once: that of thousands of messages a second would take a core from the site.
         changes = self._changes(_CLOCK_NS, _SEQ)
         message = stream.StreamMessage(self._instance, _SEQ, _SEQ, _CLOCK_NS, changes)
-        self._message = bytearray(wire.pack(stream.stream_body(message)))
-        self._seq_at, self._clock_at = (
-            [at.start() for at in re.finditer(number.to_bytes(8, "big"), self._message)]
-            for number in (_SEQ, _CLOCK_NS)
-        )
-        self._versions, self._stamps = (
-            slice(begin := self._message.index(column), begin + len(column))
-            for column in (
-                (2 * _SEQ).to_bytes(8, "little") * _ROWS,
-                _CLOCK_NS.to_bytes(8, "little") * _ROWS,
-            )
-        )
+        self._message = wire.pack(stream.stream_body(message))
+        self._token = client.liveliness().declare_token(keys.server(self._tree, self._instance))
 
     def publish(self) -> None:
         if self._publisher is not None:
             self._seq += 1
-            seq, clock_ns = self._seq, time.monotonic_ns()
             message = self._message
-            for number, places in ((seq, self._seq_at), (clock_ns, self._clock_at)):
-                for at in places:
-                    message[at : at + 8] = number.to_bytes(8, "big")
-            message[self._versions] = (2 * seq).to_bytes(8, "little") * _ROWS
-            message[self._stamps] = clock_ns.to_bytes(8, "little") * _ROWS
-            self._publisher.put(bytes(message))
+            sent = _bytes(self._seq, time.monotonic_ns())
+            for placeholder, value in zip(_PLACEHOLDERS, sent, strict=True):
+                message = message.replace(placeholder, value)
+            self._publisher.put(message)
 
     def _changes(self, stamp_ns: int, seq: int) -> stream.Changes:
         """A sample of each frame."""

@@ -36,8 +36,9 @@ def parse(tables: Any) -> MotionLimits:
         )
     if len(tables) > _MOST:
         raise must_be(SECTION, f"of {_MOST} frames at most", f"of {len(tables)}")
+    tree = TransformTree()
     for child, table in tables.items():
-        _check(child, table)
+        _check(tree, child, table)
     return tables
 
 
@@ -47,7 +48,7 @@ def declare(tree: TransformTree, limits: MotionLimits) -> None:
         tree.set_motion_limits(child, **named)
 
 
-def _check(child: str, table: Any) -> None:
+def _check(tree: TransformTree, child: str, table: Any) -> None:
     key = f"{SECTION}.{child}"
     if not isinstance(table, dict):
         raise must_be(key, "a table such as { max_speed_m_s = 1.0 }", table)
@@ -60,6 +61,6 @@ def _check(child: str, table: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
             raise must_be(field, "a number, 0 or more", value)
     try:
-        declare(TransformTree(), {child: table})
+        declare(tree, {child: table})
     except InvalidArgumentException as error:
         raise InvalidArgumentException(f"[{key}]: {error}", field=key) from error
