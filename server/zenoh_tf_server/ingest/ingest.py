@@ -40,8 +40,10 @@ _HOLD_BACK_S: Final = 0.025
 _HOLD_BACK_ALONE_S: Final = 0.1
 #: An authority is alone after no other one has sent for this long.
 _ALONE_S: Final = 1.0
-#: While several authorities send this many puts a second, the receiver waits for this time after
-#: the first put of a turn, and commits with it what has come: a turn costs as much as two puts.
+#: While this many authorities send this many puts a second in all, the receiver waits for this time
+#: after the first put of a turn, and commits with it what has come: a turn costs as much as two
+#: puts. Fewer authorities gain little, and one of them could delay the data of the others.
+_CROWD: Final = 8
 _GATHER_ABOVE_HZ: Final = 800
 _GATHER_S: Final = 0.001
 #: Keys whose authority is remembered.
@@ -72,6 +74,7 @@ class Ingest:
         self._served = 0  # puts since the receiver took some last
         self._gathers = False
         self._counted, self._counted_s = 0, 0.0  # puts since then, for their rate
+        self._senders: set[str] = set()  # the authorities of these
 
     def start(self, session: zenoh.Session, tree: str) -> None:
         """Start to receive the puts of a tree."""
@@ -268,7 +271,7 @@ class Ingest:
                 break
         self._received_s = self._last_seen_s = now_s
         self._served = 0
-        self._follow_rate(len(puts), now_s)
+        self._follow_rate(puts, now_s)
         if not puts:
             return 0
         with self._lock:
@@ -282,13 +285,16 @@ class Ingest:
             self._commits.count_lost(lost)
         return len(puts)
 
-    def _follow_rate(self, puts: int, now_s: float) -> None:
+    def _follow_rate(self, puts: list[Put], now_s: float) -> None:
         """Decide whether to gather in the next turns. Not if the channel may fill meanwhile."""
-        self._counted += puts
+        self._counted += len(puts)
+        self._senders.update(put.authority for put in puts)
         if self._counted >= _CHANNEL:
             often = self._counted > _GATHER_ABOVE_HZ * (now_s - self._counted_s)
-            self._gathers = often and puts < _CHANNEL // 2 and not self._is_alone(now_s)
+            is_crowd = len(self._senders) >= _CROWD
+            self._gathers = often and is_crowd and len(puts) < _CHANNEL // 2
             self._counted, self._counted_s = 0, now_s
+            self._senders.clear()
 
     def _put_of(self, sample: zenoh.Sample) -> Put | None:
         """The put of a sample; None if it is none, or is refused at once."""
