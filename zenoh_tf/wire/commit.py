@@ -18,7 +18,6 @@ from .error_codec import raise_error
 from .fields import (
     F64,
     I64,
-    U8,
     U64,
     Message,
     column,
@@ -151,10 +150,14 @@ def _malformed_rows(body: Message) -> ProtocolError:
 
 def commit_reply(stored: NDArray[np.uint8]) -> Message:
     """The reply to a commit, without the envelope's "v" and "instance"."""
-    return {"stored": raw(stored, U8)}
+    return {"stored": stored.tobytes()}
 
 
-def parse_commit_reply(reply: Message, rows: int) -> NDArray[np.uint8]:
-    """(n,): 1 stored, 0 dropped as too old. Raises the error that `reply` carries, if any."""
+def parse_commit_reply(reply: Message, rows: int) -> bytes:
+    """A byte for each row: 1 stored, 0 dropped as too old. Raises the error that `reply` carries,
+    if any."""
     raise_error(reply)
-    return column(reply, "stored", U8, rows)
+    stored = reply.get("stored")
+    if type(stored) is not bytes or len(stored) != rows:
+        raise malformed("stored", f"binary, of {rows} bytes")
+    return stored

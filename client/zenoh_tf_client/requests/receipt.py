@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from zenoh_tf import wire
 
 
-@dataclass(frozen=True, slots=True)
-class Receipt:
+class Receipt(NamedTuple):
     """A state of the server that has a write, and all before it; see `Mirror.wait_for`.
 
     A process may hand it to another one.

@@ -18,7 +18,7 @@ def set_transform(
     return Call(
         "commit",
         wire.commit_body(commit),
-        lambda reply: bool(wire.parse_commit_reply(reply, 1)[0]),
+        lambda reply: wire.parse_commit_reply(reply, 1) != b"\0",
         # Access rules allow a message to write as one authority only.
         group=f"commit as {authority}",
     )

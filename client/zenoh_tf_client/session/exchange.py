@@ -309,7 +309,7 @@ class Exchange:
             now_ns + server.clock_offset_ns + self._timeout_ns,
             request.instance or server.instance,
         )
-        payload = self._check_size(wire.pack(body | write))
+        payload = server.check_size(wire.pack(body | write))
         reply = decode((yield Ask(key, payload, self._timeout_s)))
         if not self.is_final(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.

@@ -61,11 +61,11 @@ class FutureStamps:
 
     def check(self, commit: wire.Commit) -> None:
         """Raise InvalidArgumentException if a row of a call is to be refused."""
-        if not self.refuses:
+        if commit.static or not self.refuses:
             return
         limit_ns = self.limit_ns()
-        rows = self.beyond(commit, limit_ns)
-        if rows:
+        if commit.rows.newest_stamp > limit_ns:
+            rows = self.beyond(commit, limit_ns)
             raise InvalidArgumentException(
                 self.describe(commit, rows[0]),
                 frame=frame_of(commit, rows[0])[:255],

@@ -265,7 +265,8 @@ class Service(Handler):
         """Commit a call's transaction to the tree: what is stored, and the ticket of its
         durability."""
         self.limits.check_names(commit.rows.name_count)
-        self.limits.check_names(len(commit.read_names))
+        if commit.read_names:
+            self.limits.check_names(len(commit.read_names))
         if commit.static:
             return self.links.commit(commit, by_call=True)
         stored = apply(self.tree, commit)
