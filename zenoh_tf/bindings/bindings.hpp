@@ -244,9 +244,8 @@ struct MethodOf<function> {
 template <auto function>
 constexpr auto* method = MethodOf<function>::value;
 
-// Tree::commit, with Rejected raised as its Python error.
-void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
-            bool release_gil);
+// Tree::commit, with Rejected raised as its Python error. Releases the GIL if that pays.
+void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
 
 void bind_budget(nb::module_& m);
 void bind_cdr(nb::module_& m);

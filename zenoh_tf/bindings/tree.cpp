@@ -1,9 +1,9 @@
 // Tree: the base class of zenoh_tf.TransformTree.
 //
-// GIL: a single lookup or set keeps it, since releasing it would cost more than the work. If it
-// waits for a frame or a mutex for more than some microseconds, it releases it. Waits for data, and
-// commits of several transforms, release it. No thread waits for the GIL while it holds a lock of
-// the core, so there is no deadlock between the two.
+// GIL: a lookup, and a commit of a few rows, keeps it, since releasing it would cost more than the
+// work. If it waits for a frame or a mutex for more than some microseconds, it releases it. Waits
+// for data and longer commits release it. No thread waits for the GIL while it holds a lock of the
+// core, so there is no deadlock between the two.
 #include <cmath>
 #include <system_error>
 
@@ -20,6 +20,8 @@ constexpr std::pair<std::string_view, Concurrency> kConcurrency[] = {
 };
 
 constexpr std::int64_t kLeastMemory = 1 << 16;  // bytes
+// A commit of at most so many rows takes less time than to release the GIL and to take it back.
+constexpr std::size_t kFewRows = 4;
 
 bool set(Tree& tree, const StampedTransform& s, std::string_view authority, bool is_static) {
   const std::string_view names[] = {text_of(s.parent_frame, "parent_frame"),
@@ -32,7 +34,7 @@ bool set(Tree& tree, const StampedTransform& s, std::string_view authority, bool
           .authority = authority,
           .is_static = is_static,
           .drop_old = true},
-         {&stored, 1}, false);
+         {&stored, 1});
   return stored != 0;
 }
 
@@ -50,7 +52,7 @@ void set_all(Tree& tree, nb::handle stampeds, std::string_view authority, bool i
   });
   std::vector<std::uint8_t> stored(rows.size());
   commit(tree, {.names = names, .rows = rows, .authority = authority, .is_static = is_static},
-         stored, true);
+         stored);
 }
 
 // Runs a write without the interpreter lock.
@@ -169,10 +171,9 @@ void bind_writes(nb::class_<Tree>& tree) {
 
 }  // namespace
 
-void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored,
-            bool release_gil) {
+void commit(Tree& tree, const CommitRequest& request, std::span<std::uint8_t> stored) {
   rejected_as_error([&] {
-    if (release_gil) {
+    if (request.rows.size() + request.read_names.size() > kFewRows) {
       const GilReleased released;
       tree.commit(request, stored);
     } else {

@@ -1,6 +1,6 @@
 // Tree._commit_rows: a transaction of many rows.
 //
-// GIL: commits release it.
+// GIL: released by commits of more than a few rows.
 #include "bindings/commits/transform_rows.hpp"
 #include "bindings/reads/read_rows.hpp"
 
@@ -27,7 +27,7 @@ nb::object commit_rows(Tree& tree, const TransformRows& rows, std::string_view a
   if (read_versions) request.read_versions = {read_versions->data(), read_texts.size()};
   if (expires) request.expires_ns = *expires;
   if (max_stamp) request.max_stamp = *max_stamp;
-  commit(tree, request, stored, true);
+  commit(tree, request, stored);
   return array_of(stored);
 }
 
