@@ -35,7 +35,7 @@ def test_numbers_that_the_server_has_not_sent(ahead: tuple[int, int]) -> None:
     """The copy is made again once the server's own messages say otherwise."""
     network = settled()
     mirroring = network.mirroring
-    seq = mirroring.seq
+    seq = mirroring.state.seq
     mirroring.received(message(network, seq + ahead[0], seq + ahead[1]))
     network.seen.clear()  # the number has gone forward in error
     for _ in range(30):

@@ -120,8 +120,8 @@ class Network:
         mirroring = self.mirroring
         if mirroring.tree is None:
             return
-        point = (mirroring.instance, mirroring.seq)
-        known = self.states[mirroring.instance].get(mirroring.seq)
+        point = (mirroring.state.instance, mirroring.state.seq)
+        known = self.states[mirroring.state.instance].get(mirroring.state.seq)
         if known is not None:  # else in the middle of a time jump, which takes two commits
             assert state(mirroring.tree) == known
         if self.seen and self.seen[-1][0] == point[0]:
@@ -139,9 +139,9 @@ class Network:
             while self.under_way:
                 request = self.under_way.pop()
                 self.mirroring.answered(request.number, self.server.reply(request))
-        assert self.mirroring.synced
-        assert self.mirroring.seq == self.server.log.last
-        assert self.mirroring.clock_ns == self.server.clock_ns
+        assert self.mirroring.state.synced
+        assert self.mirroring.state.seq == self.server.log.last
+        assert self.mirroring.state.clock_ns == self.server.clock_ns
         assert self.mirroring.tree is not None
         assert state(self.mirroring.tree) == state(self.server.tree)
 
@@ -183,7 +183,7 @@ def test_a_restarted_server_is_followed(seed: int) -> None:
             network.step()
         network.start_server()
     network.settle()
-    assert network.mirroring.instance == network.server.instance
+    assert network.mirroring.state.instance == network.server.instance
 
 
 def test_the_old_copy_stays_until_the_new_one_is_complete() -> None:
@@ -193,7 +193,7 @@ def test_the_old_copy_stays_until_the_new_one_is_complete() -> None:
     assert old is not None
     before = state(old)
     network.mirroring.restart()
-    assert not network.mirroring.synced
+    assert not network.mirroring.state.synced
     assert network.mirroring.tree is old
     while network.mirroring.tree is old:
         assert state(old) == before

@@ -8,20 +8,13 @@ Internal: for `zenoh_tf.mirrors.mirroring`.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
 from typing import Protocol
 
 from .. import wire
 from .._core import ChangeReplay
 from ..tree import TransformTree
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    number: int
-    after: int
-    until: int
 
 
 class Observer(Protocol):
@@ -67,7 +60,8 @@ class Copy:
         self.clock_ns = plan.clock_ns
         bounds = [int(bound) for bound in plan.bounds]
         self.pieces = deque(
-            Piece(number, after, until) for number, (after, until) in enumerate(pairwise(bounds))
+            wire.SnapshotRequest(instance, number, after, until)
+            for number, (after, until) in enumerate(pairwise(bounds))
         )
         self.loading = len(self.pieces)  # pieces that are not loaded yet
         if plan.changes is not None:
@@ -77,7 +71,7 @@ class Copy:
     def is_complete(self) -> bool:
         return not self.loading and self.position >= self.complete_at
 
-    def load(self, piece: Piece, loaded: wire.SnapshotPiece) -> None:
+    def load(self, piece: wire.SnapshotRequest, loaded: wire.SnapshotPiece) -> None:
         """Add a piece's frames; ask for its rest if it was cut short."""
         if self.replay is not None:
             self.replay.load(*loaded.frames)
@@ -85,7 +79,7 @@ class Copy:
             self.observer.load(loaded.frames)
         self.complete_at = max(self.complete_at, loaded.last)
         if loaded.reached < piece.until:
-            self.pieces.append(Piece(piece.number, max(loaded.reached, piece.after), piece.until))
+            self.pieces.append(replace(piece, after=max(loaded.reached, piece.after)))
         else:
             self.loading -= 1
 

@@ -283,7 +283,7 @@ class MirrorFeed:
             if not self._runner.run(self, self._ask(request)):
                 m.failed(request.number)  # the next message sends it again
         if has_copy:
-            self.state = State(m.tree, m.instance, m.seq, m.clock_ns, m.synced)
+            self.state = m.state
             self._changed.notify_all()
             self.on_change()
 
@@ -294,7 +294,7 @@ class MirrorFeed:
             self._pauses = threads.pauses(_FIRST_PAUSE_S, _LONGEST_PAUSE_S)
             self._error = self._refused = None
             try:
-                self._on_copy(tree, self._mirroring.instance)
+                self._on_copy(tree, self._mirroring.state.instance)
             except Exception:  # the thread must not end: nobody else would make a copy
                 log.exception("internal error while a new copy was loaded; it is loaded again")
                 self._refused = tree

@@ -10,7 +10,7 @@ A copy is complete, and may be read, once it has all that the server had done wh
 was read. Until then, and while a new copy is made, the last complete one stays as it is.
 
 Thread safety: none; the owner locks. Lookups in `tree` need no lock.
-Invariant: `tree` is always as the server's tree was after the commit with the number `seq`.
+Invariant: `tree` is always as the server's tree was after the commit with the number `state.seq`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from ..errors import (
     TransformException,
 )
 from ..tree import TransformTree
-from .copy import Copy, Observer, Piece
+from .copy import Copy, Observer
+from .source import State
 
 #: Requests for pieces that are under way at once.
 _IN_FLIGHT: Final = 2
@@ -95,7 +96,7 @@ class Mirroring:
         self._next: Copy | None = None  # that replaces it
         self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
         self._waiting_bytes = 0
-        self._requests: dict[int, Piece | None] = {}  # under way; None: the plan, or missed ones
+        self._requests: dict[int, wire.SnapshotRequest | None] = {}  # under way; None: the plan, or missed ones
         self._number = 0
         self._wants_plan, self._wants_missed = True, False
         #: How many were begun.
@@ -112,14 +113,13 @@ class Mirroring:
         return self._live.tree if self._live else None
 
     @property
-    def seq(self) -> int:
-        """The number of the last commit in `tree`."""
-        return self._live.position if self._live else 0
-
-    @property
-    def instance(self) -> str:
-        """The server instance whose tree it is; empty until there is one."""
-        return self._live.instance if self._live else ""
+    def state(self) -> State:
+        """The last complete copy and what it is; `State()` until there is one."""
+        live = self._live
+        if live is None:
+            return State()
+        synced = not (self._next or self._wants_plan or self._waiting)
+        return State(live.tree, live.instance, live.position, live.clock_ns, synced)
 
     @property
     def reach(self) -> int:
@@ -130,16 +130,6 @@ class Mirroring:
     def followed(self) -> str:
         """The server instance whose messages are expected; empty if any is."""
         return self._copy.instance if self._copy else ""
-
-    @property
-    def clock_ns(self) -> int:
-        """The server's clock when `tree` was as it is: what the age is counted from."""
-        return self._live.clock_ns if self._live else 0
-
-    @property
-    def synced(self) -> bool:
-        """True if nothing is known to be missing in `tree`."""
-        return bool(self._live) and not (self._next or self._wants_plan or self._waiting)
 
     # --- what the owner feeds in
 
@@ -187,8 +177,7 @@ class Mirroring:
             return found
         while copy.pieces and len(self._requests) < _IN_FLIGHT:
             piece = copy.pieces.popleft()
-            asked = wire.SnapshotRequest(copy.instance, piece.number, piece.after, piece.until)
-            found.append(self._request("snapshot", piece, wire.snapshot_request(asked)))
+            found.append(self._request("snapshot", piece, wire.snapshot_request(piece)))
         if self._wants_missed and not self._requests:
             self._asked_for = max((m.last for m, _ in self._waiting), default=0)
             body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
@@ -256,7 +245,7 @@ class Mirroring:
         """The copy that messages belong to."""
         return None if self._wants_plan else self._next or self._live
 
-    def _request(self, request_type: str, piece: Piece | None, body: wire.Message) -> MirrorRequest:
+    def _request(self, request_type: str, piece: wire.SnapshotRequest | None, body: wire.Message) -> MirrorRequest:
         self._number += 1
         self._requests[self._number] = piece
         return MirrorRequest(request_type, body, self._number)

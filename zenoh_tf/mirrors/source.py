@@ -32,11 +32,11 @@ class ServerStatus:
 class State:
     """What a mirror has. The tree itself may be newer already, but never older."""
 
-    tree: TransformTree | None = None
-    instance: str = ""
-    seq: int = 0
-    clock_ns: int = 0
-    synced: bool = False
+    tree: TransformTree | None = None  # the last complete copy; another one after a new snapshot
+    instance: str = ""  # of the server whose tree it is
+    seq: int = 0  # the number of the last commit in it
+    clock_ns: int = 0  # the server's clock when it was so: what the age is counted from
+    synced: bool = False  # nothing is known to be missing
 
     def has(self, instance: str, seq: int) -> bool:
         """Whether it has a commit of an instance, and all before it."""
