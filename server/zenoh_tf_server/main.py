@@ -31,6 +31,7 @@ from .security import settings as security
 from .server import Server
 from .settings import ServerSettings
 from .state.file import StateError
+from .transport.running_server import RunningServer
 
 #: Exit status of a server that cannot start; the same as for wrong flags.
 CANNOT_START = 2
@@ -85,7 +86,7 @@ async def serve(settings: ServerSettings) -> NoReturn:
     # A long reply with errors causes a full garbage collection, in which no thread can run. With
     # the modules, which are loaded now and stay, it takes 7 to 20 ms; without them under 1.
     gc.freeze()
-    print(_greeting(settings, server.instance), flush=True)
+    print(_greeting(settings, server.service.instance), flush=True)
     if not settings.replica_of:
         log.info(capacity.report(settings.limits, settings.cache_time_s))
     monitoring.serving(server)
@@ -100,7 +101,7 @@ async def serve(settings: ServerSettings) -> NoReturn:
     _end()
 
 
-def _start(settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> Server | ReplicaServer:
+def _start(settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> RunningServer:
     return (ReplicaServer if settings.replica_of else Server)(settings, loop)
 
 

@@ -9,16 +9,16 @@ import time
 from contextlib import ExitStack, closing
 from typing import Any
 
+import zenoh
+
 from zenoh_tf import TransformTree
 from zenoh_tf._net import keys
-from zenoh_tf.mirrors.free_memory import FreeMemory
 
 from . import federation, motion_limits, ros2
 from .ingest.ingest import Ingest
 from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
 from .process import network, sharing
-from .process.abandoned_keys import AbandonedKeys
 from .process.sharing import Sharing
 from .process.tree_claim import Claim
 from .requests.guard import RequestGuard
@@ -29,29 +29,27 @@ from .streams.interests import Interests
 from .streams.snapshots import Snapshots
 from .streams.stream import Stream
 from .transport.local_requests import LocalRequests
-from .transport.workers import Workers, open_replies
+from .transport.running_server import RunningServer
 
 
-class Server:
-    """Serves from construction to `close`. Raises NetworkError, StateError or TreeTaken."""
+class Server(RunningServer):
+    """The server of a tree."""
 
-    #: Of a replica: how old what is served may be, in seconds.
-    age_s: float | None = None
+    service: Service
 
     def __init__(self, settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> None:
-        self.instance = secrets.token_hex(8)
-        #: The key of a request type.
-        self.key = functools.partial(keys.request, settings.tree)
+        """Serve. Raises NetworkError, StateError or TreeTaken."""
+        instance = secrets.token_hex(8)
         limits = settings.limits
         # Closed in reverse order: first the queries, then the waiting lookups, then the session.
         with ExitStack() as stack:
             joined = bool(settings.connect)
-            shared = Sharing(settings.sharing, settings.tree, self.instance, joined=joined)
+            shared = Sharing(settings.sharing, settings.tree, instance, joined=joined)
             stack.callback(shared.close)
             tree = shared.make_tree(functools.partial(_make_tree, settings))
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
-            self.session = session = network.open_session(
+            session = network.open_session(
                 settings.listen,
                 settings.connect,
                 limits,
@@ -62,9 +60,10 @@ class Server:
             stack.callback(session.close)
             listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
-            claim = stack.enter_context(closing(Claim(session, settings.tree, self.instance)))
-            self.service = service = self._make_service(settings, loop, tree, state)
-            self.clients, replies = open_replies(session, service, stack)
+            claim = stack.enter_context(closing(Claim(session, settings.tree, instance)))
+            service = _make_service(settings, loop, session, tree, state, instance)
+            key = functools.partial(keys.request, settings.tree)
+            super().__init__(session, service, key, settings.workers, stack)
             self._start_stream(settings, stack)
             stack.callback(service.close)
             service.waiters.is_connected = self.clients.is_connected
@@ -79,8 +78,7 @@ class Server:
             ingest = Ingest(commits, limits)
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
-            workers = Workers(service, self.clients, replies, settings.workers)
-            local = LocalRequests(service, self.clients, workers.shares, settings.workers)
+            local = LocalRequests(service, self.clients, self.workers.shares, settings.workers)
             stack.callback(local.close)
             # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
             serve = None if settings.security.authenticates else local.take
@@ -90,70 +88,57 @@ class Server:
             ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
             robots = settings.federation
             federation.start(robots, settings.security, service, ingest, session, stack)
-            self._start_upkeep(settings, ingest, stack)
-            self.clients.start(session, settings.tree)
-            stack.callback(workers.close)
-            workers.start(session, self.key)
+            events = EventReports(tree, service.clocks)
+            stack.callback(events.close)
+            events.start()
+            # Another router frees its own keys.
+            self.serve(None if settings.connect else ingest.authorities)
             # Withdrawn first when it closes, so that clients learn of it.
             stack.callback(claim.close)
             claim.serve()
             self._stack = stack.pop_all()
 
-    def _make_service(
-        self,
-        settings: ServerSettings,
-        loop: asyncio.AbstractEventLoop,
-        tree: TransformTree,
-        state: State,
-    ) -> Service:
-        guard = RequestGuard(
-            settings.security.rules,
-            admin=settings.security.admin,
-            certificate_of=network.certificates(self.session),
-        )
-        service = Service(
-            tree,
-            settings.tree,
-            self.instance,
-            settings.limits,
-            loop,
-            state.links,
-            guard,
-            settings.future,
-        )
-        service.info_requests.addresses = network.addresses(self.session)
-        return service
-
     def _start_stream(self, settings: ServerSettings, stack: ExitStack) -> None:
         """Publish what commits change, and answer what mirrors ask."""
-        tree, limits = self.service.tree, settings.limits
-        stream = Stream(tree, self.instance, limits)
+        tree, limits, instance = self.service.tree, settings.limits, self.service.instance
+        stream = Stream(tree, instance, limits)
         stack.callback(stream.close)
         stream.start(self.session, settings.tree)
         self.service.add_counters(stream.counters)
         self.service.last_seq = stream.last_seq
-        interests = Interests(tree, self.instance, limits)
+        interests = Interests(tree, instance, limits)
         stack.callback(interests.close)
         interests.start(self.session, settings.tree)
         self.service.add_counters(interests.counters)
         self.clients.when_gone(interests.client_gone)
         cache_ns = round(settings.cache_time_s * 1e9)
-        snapshots = Snapshots(tree, stream, interests, self.instance, cache_ns, limits)
+        snapshots = Snapshots(tree, stream, interests, instance, cache_ns, limits)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
-    def _start_upkeep(self, settings: ServerSettings, ingest: Ingest, stack: ExitStack) -> None:
-        """Free what is left of publishers, log what happens to frames, give freed memory back."""
-        if not settings.connect:  # another router frees its own keys
-            abandoned = AbandonedKeys(self.session, settings.tree, ingest.authorities)
-            stack.callback(abandoned.close)
-            self.clients.when_gone(abandoned.client_gone)
-            abandoned.start()
-        for upkeep in (EventReports(self.service.tree, self.service.clocks), FreeMemory()):
-            stack.callback(upkeep.close)
-            upkeep.start()
 
-    def close(self) -> None:
-        self._stack.close()
+def _make_service(
+    settings: ServerSettings,
+    loop: asyncio.AbstractEventLoop,
+    session: zenoh.Session,
+    tree: TransformTree,
+    state: State,
+    instance: str,
+) -> Service:
+    security = settings.security
+    certificate_of = network.certificates(session)
+    guard = RequestGuard(security.rules, admin=security.admin, certificate_of=certificate_of)
+    service = Service(
+        tree,
+        settings.tree,
+        instance,
+        settings.limits,
+        loop,
+        state.links,
+        guard,
+        settings.future,
+    )
+    service.info_requests.addresses = network.addresses(session)
+    return service
 
 
 def _make_tree(settings: ServerSettings, **options: Any) -> TransformTree:

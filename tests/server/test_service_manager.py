@@ -136,13 +136,12 @@ def test_workers_that_hang_are_unhealthy(monkeypatch: pytest.MonkeyPatch) -> Non
         answered = threading.Semaphore(0)
         probing = health.Health(0.01, 0.05)
         probing.answered = answered.release
-        service: Any = SimpleNamespace(name="main")
+        service: Any = SimpleNamespace(name="main", instance="i")
         own = SimpleNamespace(own="self")
         server: Any = SimpleNamespace(
             session=session,
             service=service,
             clients=own,
-            instance="i",
             key=functools.partial(keys.request, "main"),
         )
         probing.serving(server)

@@ -96,7 +96,9 @@ class Mirroring:
         self._next: Copy | None = None  # that replaces it
         self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
         self._waiting_bytes = 0
-        self._requests: dict[int, wire.SnapshotRequest | None] = {}  # under way; None: the plan, or missed ones
+        self._requests: dict[
+            int, wire.SnapshotRequest | None
+        ] = {}  # under way; None: the plan, or missed ones
         self._number = 0
         self._wants_plan, self._wants_missed = True, False
         #: How many were begun.
@@ -245,7 +247,9 @@ class Mirroring:
         """The copy that messages belong to."""
         return None if self._wants_plan else self._next or self._live
 
-    def _request(self, request_type: str, piece: wire.SnapshotRequest | None, body: wire.Message) -> MirrorRequest:
+    def _request(
+        self, request_type: str, piece: wire.SnapshotRequest | None, body: wire.Message
+    ) -> MirrorRequest:
         self._number += 1
         self._requests[self._number] = piece
         return MirrorRequest(request_type, body, self._number)

@@ -1,4 +1,4 @@
 """What an operator sees of a running server: logs, metrics, health, and messages to systemd.
 
-Comes in: a `Watched` server. It changes nothing that is served.
+Comes in: a `RunningServer`. It changes nothing that is served.
 """

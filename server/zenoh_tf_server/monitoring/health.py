@@ -9,19 +9,19 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import functools
 import logging
-import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import zenoh
 
-from zenoh_tf import threads, wire
+from zenoh_tf import wire
 from zenoh_tf.errors import TransformException
+from zenoh_tf.threads import Periodic
 
-if TYPE_CHECKING:
-    from .watched import Watched
+from ..transport.running_server import RunningServer
 
 #: The server counts as healthy for this long after a probe began that was answered.
 HEALTHY_FOR_S: Final = 10.0
@@ -45,8 +45,7 @@ class Health:
         self.answered: Callable[[], object] = lambda: None
         self._period_s = period_s
         self._timeout_s = timeout_s
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._probes: Periodic | None = None
         self._healthy_until_s = 0.0
         self.ready = False
         self.probe_duration_s = 0.0
@@ -56,37 +55,37 @@ class Health:
         """True if a worker has answered a probe that began within the last HEALTHY_FOR_S."""
         return time.monotonic() < self._healthy_until_s
 
-    def serving(self, server: Watched) -> None:
+    def serving(self, server: RunningServer) -> None:
         """The tree of `server` is claimed and served: begin to probe."""
         self._healthy_until_s = time.monotonic() + HEALTHY_FOR_S
         self.ready = True
-        self._thread = threads.start("health", self._run, server)
+        probe = functools.partial(self._probe, server)
+        self._probes = Periodic("health", probe, self._period_s)
+        self._probes.start()
 
     def stopping(self) -> None:
         """The server closes now: it is no longer ready, and not probed any more."""
         self.ready = False
-        self._stop.set()
-        threads.join(self._thread)
+        if self._probes is not None:
+            self._probes.close()
 
-    def _run(self, server: Watched) -> None:
-        while not self._stop.is_set():
-            begun_s = time.monotonic()
-            problem = probe(
-                server.session,
-                server.key("lookup"),
-                server.instance,
-                server.clients.own,
-                self._timeout_s,
-            )
-            if self._stop.is_set():
-                return
-            if problem is None:
-                self.probe_duration_s = time.monotonic() - begun_s
-                self._healthy_until_s = begun_s + HEALTHY_FOR_S
-                self.answered()
-            else:
-                log.warning("the probe lookup failed: %s", problem)
-            self._stop.wait(self._period_s)
+    def _probe(self, server: RunningServer) -> None:
+        begun_s = time.monotonic()
+        problem = probe(
+            server.session,
+            server.key("lookup"),
+            server.service.instance,
+            server.clients.own,
+            self._timeout_s,
+        )
+        if not self.ready:  # stopping
+            return
+        if problem is None:
+            self.probe_duration_s = time.monotonic() - begun_s
+            self._healthy_until_s = begun_s + HEALTHY_FOR_S
+            self.answered()
+        else:
+            log.warning("the probe lookup failed: %s", problem)
 
 
 def probe(

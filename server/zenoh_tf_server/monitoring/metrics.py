@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 from zenoh_tf.text import printable
 
 from ..requests.counters import OK, buckets
+from ..transport.running_server import RunningServer
 from . import metric_table
 from .authority_series import AuthoritySeries
 from .metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric as Family
 
     from .health import Health
-    from .watched import Watched
 
 #: The tree is read at most this often: that costs time that grows with the number of frames.
 _REFRESH_S: Final = 1.0
@@ -56,13 +56,13 @@ class Metrics:
         self._registry.register(self)
         prometheus_client.ProcessCollector(registry=self._registry)
         self._health = health
-        self._server: Watched | None = None
+        self._server: RunningServer | None = None
         self._authorities = AuthoritySeries(max_authorities)
         self._lock = threading.Lock()
         self._page = b""
         self._page_until_s = 0.0
 
-    def serving(self, server: Watched) -> None:
+    def serving(self, server: RunningServer) -> None:
         """Read this server from now on."""
         with self._lock:
             self._server = server
@@ -108,7 +108,7 @@ class Metrics:
         if server is None:
             return
         service = server.service
-        labels = (service.name, server.instance)
+        labels = (service.name, server.service.instance)
         what_runs = (version("zenoh-tf"), platform.python_version(), version("eclipse-zenoh"))
         yield metric_table.BUILD, (*what_runs, *map(printable, labels)), 1.0
         yield metric_table.CLIENTS, (), float(len(server.clients))
@@ -134,7 +134,7 @@ def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
             yield FROM_ROBOTS[field], (printable(robot),), float(value)
 
 
-def _from_requests(server: Watched) -> Iterator[Value]:
+def _from_requests(server: RunningServer) -> Iterator[Value]:
     total = server.service.requests.total()
     for request_type, counts in sorted(total.ok.items()):
         yield metric_table.DURATION, (request_type, OK), counts

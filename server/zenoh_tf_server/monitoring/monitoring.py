@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 import logging
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from zenoh_tf.text import quoted
 
 from ..limits import Limits
+from ..transport.running_server import RunningServer
 from . import service_manager
 from .health import PERIOD_S, Health
 from .metrics import Metrics
 from .status_port import Page, StatusPort, parse_address
-
-if TYPE_CHECKING:
-    from .watched import Watched
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -59,7 +57,7 @@ class Monitoring:
         if watchdog_s is not None:
             self._health.answered = lambda: service_manager.notify(WATCHDOG=1)
         self._probes = watchdog_s is not None or settings.metrics is not None
-        self._server: Watched | None = None
+        self._server: RunningServer | None = None
         self._metrics: Metrics | None = None
         self._port: StatusPort | None = None
         if settings.metrics is not None:
@@ -71,7 +69,7 @@ class Monitoring:
             }
             self._port = StatusPort(settings.metrics, pages)
 
-    def serving(self, server: Watched) -> None:
+    def serving(self, server: RunningServer) -> None:
         """The tree is claimed and served."""
         self._server = server
         if self._metrics is not None:
@@ -82,9 +80,9 @@ class Monitoring:
             self._health.serving(server)
         log.info(
             "instance %s serves tree %s",
-            server.instance,
+            server.service.instance,
             quoted(tree),
-            extra={"tree": tree, "instance": server.instance},
+            extra={"tree": tree, "instance": server.service.instance},
         )
         if self._port is not None:
             log.info("metrics on port %d", self._port.port, extra={"port": self._port.port})
@@ -106,5 +104,5 @@ class Monitoring:
 
     def _age(self) -> bytes:
         """How old the state is that a replica serves; empty for another server."""
-        age_s = None if self._server is None else self._server.age_s
+        age_s = None if self._server is None else self._server.service.age_s
         return b"" if age_s is None else f"replica, {age_s:.1f} s old\n".encode()

@@ -16,22 +16,21 @@ from contextlib import ExitStack
 from typing import Any
 
 from zenoh_tf._net import keys
-from zenoh_tf.mirrors.free_memory import FreeMemory
 
-from ..process.abandoned_keys import AbandonedKeys
 from ..process.upstream import Upstream
 from ..security import access_rules
 from ..settings import ServerSettings
-from ..transport.workers import Workers, open_replies
+from ..transport.running_server import RunningServer
 from .copies import SharedCopies
 from .service import ReplicaService
 from .sessions import ReplicaSessions
 
 
-class ReplicaServer:
-    """Serves from construction to `close`. Raises NetworkError or TransformException."""
+class ReplicaServer(RunningServer):
+    """A replica of the server of a tree."""
 
     def __init__(self, settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> None:
+        """Serve. Raises NetworkError or TransformException."""
         limits = settings.limits
         # Closed in reverse order: first the queries, then the copy, then the session.
         with ExitStack() as stack:
@@ -41,46 +40,19 @@ class ReplicaServer:
             primary = Upstream(sessions.primary, settings.tree, user=security.credentials.user)
             primary.wait(settings.replica_of, security.credentials)
             enforced = primary.access
-            self.session = session = sessions.open_clients(settings.tree, enforced)
+            session = sessions.open_clients(settings.tree, enforced)
             own_id = secrets.token_hex(8)
             copies = SharedCopies(settings.sharing, settings.tree, own_id)
-            self.service = service = ReplicaService(settings.tree, own_id, limits, loop, copies)
+            service = ReplicaService(settings.tree, own_id, limits, loop, copies)
             service.access = lambda: _access(enforced, primary.access, security.credentials.user)
-            clients, replies = open_replies(session, service, stack)
-            self.clients = clients
-            service.is_connected = clients.is_connected
+            key = functools.partial(keys.replica_request, settings.tree, str(session.zid()))
+            request_types = keys.REPLICA_REQUEST_TYPES
+            super().__init__(session, service, key, settings.workers, stack, request_types)
+            service.is_connected = self.clients.is_connected
             stack.callback(service.close)
             service.start(primary)
-            workers = Workers(
-                service, clients, replies, settings.workers, keys.REPLICA_REQUEST_TYPES
-            )
-            memory = FreeMemory()
-            stack.callback(memory.close)
-            memory.start()
-            abandoned = AbandonedKeys(session, settings.tree, service.authorities)
-            stack.callback(abandoned.close)
-            clients.when_gone(abandoned.client_gone)
-            abandoned.start()
-            clients.start(session, settings.tree)
-            stack.callback(workers.close)
-            #: The key of a request type.
-            self.key = functools.partial(keys.replica_request, settings.tree, str(session.zid()))
-            workers.start(session, self.key)
+            self.serve(service.authorities)
             self._stack = stack.pop_all()
-
-    @property
-    def instance(self) -> str:
-        """The instance id in replies: that of the primary whose state is served."""
-        return self.service.instance
-
-    @property
-    def age_s(self) -> float | None:
-        """How old what is served may be, in seconds."""
-        return self.service.age_s
-
-    def close(self) -> None:
-        """Serve no more."""
-        self._stack.close()
 
 
 def _access(

@@ -70,6 +70,11 @@ class Handler(ABC):
     def instance(self) -> str:
         """The server instance that replies name."""
 
+    @property
+    def age_s(self) -> float | None:
+        """Of a replica: how old what is served may be, in seconds."""
+        return None
+
     @abstractmethod
     def handle(
         self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None

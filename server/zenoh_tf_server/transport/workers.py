@@ -19,7 +19,6 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from typing import Any, Final
 
 import zenoh
@@ -27,13 +26,11 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import threads
 from zenoh_tf._net import keys
-from zenoh_tf._net.link_sockets import LinkSockets
 
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
 from .lanes import Admission, Lane, QueuedRequest, QueueShares
-from .outbox_links import OutboxLinks
 from .replies import Replies, Reply
 
 log = logging.getLogger("zenoh_tf.server")
@@ -51,23 +48,6 @@ _SMALL: Final = ("info", "admin", "hello", "snapshot", "missed")
 #: A request with these bytes and no more than `_HELLO_BYTES` is treated as a `hello`.
 _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64
-
-
-def open_replies(
-    session: zenoh.Session, service: Handler, stack: ExitStack
-) -> tuple[Clients, Replies]:
-    """The clients of a session and the outboxes of their replies, until `stack` is closed."""
-    clients = Clients(service.limits.connections)
-    stack.callback(clients.close)
-    sockets = LinkSockets()
-    stack.callback(sockets.close)
-    sockets.start(session)
-    replies = Replies(OutboxLinks(sockets, clients), service.limits, service.error)
-    stack.callback(replies.close)
-    clients.when_gone(replies.forget)
-    clients.when_gone(service.client_gone)
-    service.add_counters(replies.counters)
-    return clients, replies
 
 
 class Workers:

@@ -1,0 +1,70 @@
+"""A service on a Zenoh session: what a server and a replica have in common, and monitoring sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+
+import zenoh
+
+from zenoh_tf._net import keys
+from zenoh_tf._net.link_sockets import LinkSockets
+from zenoh_tf.mirrors.free_memory import FreeMemory
+
+from ..process.abandoned_keys import AbandonedKeys
+from ..requests.handler import Handler
+from .clients import Clients
+from .outbox_links import OutboxLinks
+from .replies import Replies
+from .workers import Workers
+
+
+class RunningServer:
+    """Serves from the end of construction to `close`."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        service: Handler,
+        key: Callable[[str], str],
+        workers: int,
+        stack: ExitStack,
+        request_types: Sequence[str] = keys.REQUEST_TYPES,
+    ) -> None:
+        """Prepare to serve, until `stack` is closed. `key`: of a request type. `workers`: threads
+        for each of them."""
+        self.session = session
+        self.service = service
+        self.key = key
+        self.clients = clients = Clients(service.limits.connections)
+        stack.callback(clients.close)
+        sockets = LinkSockets()
+        stack.callback(sockets.close)
+        sockets.start(session)
+        replies = Replies(OutboxLinks(sockets, clients), service.limits, service.error)
+        stack.callback(replies.close)
+        clients.when_gone(replies.forget)
+        clients.when_gone(service.client_gone)
+        service.add_counters(replies.counters)
+        self.workers = Workers(service, clients, replies, workers, request_types)
+        self._stack = stack
+
+    def serve(self, authorities: Callable[[], Iterable[str]] | None) -> None:
+        """Answer queries. `authorities`: those that have published, if this server's router is to
+        free their keys once they are gone."""
+        stack, tree = self._stack, self.service.name
+        memory = FreeMemory()
+        stack.callback(memory.close)
+        memory.start()
+        if authorities is not None:
+            abandoned = AbandonedKeys(self.session, tree, authorities)
+            stack.callback(abandoned.close)
+            self.clients.when_gone(abandoned.client_gone)
+            abandoned.start()
+        self.clients.start(self.session, tree)
+        stack.callback(self.workers.close)
+        self.workers.start(self.session, self.key)
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._stack.close()
