@@ -238,9 +238,12 @@ def written(start: Callable[..., ServerProcess]) -> None:
 
 
 def flip(path: Path) -> None:
-    """Change one bit of a stored pose."""
+    """Change a stored pose."""
     with sqlite3.connect(path) as database:
-        database.execute("UPDATE static_links SET x = 6.5 WHERE child = 'frame 6'")
+        database.execute(
+            "UPDATE entries SET value = (SELECT value FROM entries WHERE name = 'frame 7') "
+            "WHERE name = 'frame 6'"
+        )
     database.close()
 
 
@@ -287,7 +290,7 @@ def test_a_file_of_another_version_or_tree(
     line = refusal(folder, "--tree", "other")
     assert "belongs to tree 'main', not to 'other'" in line
     change_schema_version(folder / "state.sqlite3")
-    assert "has version 7, and this server knows version 3" in refusal(folder)
+    assert "has version 7, and this server knows version 4" in refusal(folder)
 
 
 def test_a_file_that_another_program_uses(

@@ -14,28 +14,32 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import functools
 import os
 import sqlite3
-import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
-SCHEMA_VERSION: Final = 3
+import msgpack
+
+SCHEMA_VERSION: Final = 4
 #: Distinguishes the file from other SQLite databases ("ztfs").
 _APPLICATION_ID: Final = 0x7A746673
 _NAME: Final = "state.sqlite3"
 _LOCK_NAME: Final = "lock"
-_LINK_COLUMNS: Final = (
-    "child TEXT PRIMARY KEY NOT NULL, parent TEXT NOT NULL, stamp_ns INTEGER NOT NULL, "
-    "x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, "
-    "qx REAL NOT NULL, qy REAL NOT NULL, qz REAL NOT NULL, qw REAL NOT NULL, "
-    "authority TEXT NOT NULL, by_call INTEGER NOT NULL, checksum INTEGER NOT NULL"
+#: `value` is msgpack: a `StoredLink`, or the number of a removal; nil for the tree's name.
+_CREATE: Final = (
+    "CREATE TABLE entries (section TEXT NOT NULL, name TEXT NOT NULL, value BLOB NOT NULL, "
+    "checksum INTEGER NOT NULL, PRIMARY KEY (section, name), "
+    "CHECK (section IN ('served', 'static_links', 'last_poses', 'removed_links')))"
 )
+_INSERT: Final = "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?)"
+#: The section with the name of the tree.
+_SERVED: Final = "served"
 
 #: SQLite's codes for a file that is damaged, is none of its own, or has other tables.
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
@@ -48,7 +52,7 @@ class StateError(Exception):
 
 
 class Table(Enum):
-    """What is stored, each by the name of its child frame."""
+    """The sections of what is stored, each by the name of its child frame."""
 
     STATIC_LINKS = "static_links"
     LAST_POSES = "last_poses"
@@ -117,11 +121,12 @@ class StateFile:
             StateError: A row is damaged.
         """
         try:
-            return Stored(
-                dict(self._links(Table.STATIC_LINKS)),
-                dict(self._links(Table.LAST_POSES)),
-                dict(self._removals()),
+            links, poses = (
+                {name: StoredLink(*fields) for name, fields in self._entries(table.value)}
+                for table in (Table.STATIC_LINKS, Table.LAST_POSES)
             )
+            removed = sorted(self._entries(Table.REMOVED_LINKS.value), key=itemgetter(1))
+            return Stored(links, poses, dict(removed))
         except (sqlite3.Error, UnicodeError) as error:
             raise self._unusable(error) from error
 
@@ -135,17 +140,11 @@ class StateFile:
         execute("BEGIN IMMEDIATE")
         try:
             for (table, child), value in changes.items():
-                if value is None:
-                    execute(f"DELETE FROM {table.value} WHERE child = ?", (child,))
-                elif isinstance(value, int):
-                    row = _removal_row(child, value)
-                    execute("INSERT OR REPLACE INTO removed_links VALUES (?, ?, ?)", row)
+                if value is not None:
+                    execute(_INSERT, _row(table.value, child, value))
                 else:
-                    places = ", ".join("?" * 13)
-                    execute(
-                        f"INSERT OR REPLACE INTO {table.value} VALUES ({places})",
-                        _row(child, value),
-                    )
+                    key = table.value, child
+                    execute("DELETE FROM entries WHERE section = ? AND name = ?", key)
             execute("COMMIT")
         except BaseException:
             # SQLite has rolled back by itself after some errors, such as a full disk.
@@ -173,17 +172,8 @@ class StateFile:
             with contextlib.closing(sqlite3.connect(draft, isolation_level=None)) as database:
                 database.execute("PRAGMA synchronous = FULL")
                 database.execute("BEGIN IMMEDIATE")
-                database.execute(f"CREATE TABLE static_links ({_LINK_COLUMNS})")
-                database.execute(f"CREATE TABLE last_poses ({_LINK_COLUMNS})")
-                database.execute(
-                    "CREATE TABLE removed_links "
-                    "(child TEXT PRIMARY KEY NOT NULL, number INTEGER NOT NULL, "
-                    "checksum INTEGER NOT NULL)"
-                )
-                database.execute(
-                    "CREATE TABLE served (tree TEXT NOT NULL, checksum INTEGER NOT NULL)"
-                )
-                database.execute("INSERT INTO served VALUES (?, ?)", _served_row(tree))
+                database.execute(_CREATE)
+                database.execute(_INSERT, _row(_SERVED, tree, None))
                 database.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
                 database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
                 database.execute("COMMIT")
@@ -222,12 +212,12 @@ class StateFile:
         faults = [row[0] for row in self._database.execute("PRAGMA integrity_check(1)")]
         if faults != ["ok"]:
             raise self._damaged("; ".join(faults))
-        served = self._database.execute("SELECT * FROM served").fetchall()
-        if len(served) != 1 or served[0] != _served_row(str(served[0][0])):
-            raise self._damaged("the row of the tree's name has a wrong checksum")
-        if (name := served[0][0]) != tree:
+        served = [name for name, _ in self._entries(_SERVED)]
+        if len(served) != 1:
+            raise self._damaged("it does not have the tree's name")
+        if served[0] != tree:
             raise StateError(
-                f"the state {self.path} belongs to tree {name!r}, not to {tree!r}: "
+                f"the state {self.path} belongs to tree {served[0]!r}, not to {tree!r}: "
                 "give each tree a --state-dir of its own"
             )
 
@@ -235,31 +225,19 @@ class StateFile:
         number: int = self._database.execute(statement).fetchone()[0]
         return number
 
-    def _links(self, table: Table) -> Iterator[tuple[str, StoredLink]]:
-        for row in self._database.execute(f"SELECT * FROM {table.value} ORDER BY child"):
-            child, parent, stamp_ns, *pose, authority, by_call, _ = row
-            link = StoredLink(parent, stamp_ns, tuple(pose), authority, bool(by_call))
-            self._check_row(table, row, functools.partial(_row, child, link))
-            yield child, link
-
-    def _removals(self) -> Iterator[tuple[str, int]]:
-        for row in self._database.execute("SELECT * FROM removed_links ORDER BY number"):
-            child, number, _ = row
-            self._check_row(
-                Table.REMOVED_LINKS, row, functools.partial(_removal_row, child, number)
-            )
-            yield child, number
-
-    def _check_row(
-        self, table: Table, row: tuple[Any, ...], make: Callable[[], tuple[Any, ...]]
-    ) -> None:
-        """Compare a row with the one that has the checksum of its values."""
-        try:
-            is_whole = row == make()
-        except (TypeError, AttributeError, struct.error):  # a value of another type
-            is_whole = False
-        if not is_whole:
-            raise self._damaged(f"the row of {row[0]!r} in {table.value} has a wrong checksum")
+    def _entries(self, section: str) -> Iterator[tuple[str, Any]]:
+        """The names and values of a section, whose checksums are compared."""
+        rows = self._database.execute(
+            "SELECT name, value, checksum FROM entries WHERE section = ? ORDER BY name", (section,)
+        )
+        for name, value, checksum in rows:
+            if (
+                type(name) is not str
+                or type(value) is not bytes
+                or checksum != _checksum(section, name, value)
+            ):
+                raise self._damaged(f"the row of {name!r} in {section} has a wrong checksum")
+            yield name, msgpack.unpackb(value, use_list=False)
 
     def _unusable(self, error: sqlite3.Error | UnicodeError) -> StateError:
         # Python's own errors, such as text that is not UTF-8, have no code.
@@ -280,20 +258,14 @@ class StateFile:
                 yield path
 
 
-def _row(child: str, link: StoredLink) -> tuple[str | int | float, ...]:
-    """A link as a row of its table. SQLite has no -0.0, hence the sum."""
-    pose = tuple(value + 0.0 for value in link.pose)
-    names = "\0".join((child, link.parent, link.authority)).encode()
-    checksum = zlib.crc32(names + struct.pack("<q7d?", link.stamp_ns, *pose, link.by_call))
-    return child, link.parent, link.stamp_ns, *pose, link.authority, link.by_call, checksum
+def _row(section: str, name: str, value: object) -> tuple[str, str, bytes, int]:
+    """A value as a row of the table."""
+    data: bytes = msgpack.packb(value)
+    return section, name, data, _checksum(section, name, data)
 
 
-def _removal_row(child: str, number: int) -> tuple[str, int, int]:
-    return child, number, zlib.crc32(child.encode() + struct.pack("<q", number))
-
-
-def _served_row(tree: str) -> tuple[str, int]:
-    return tree, zlib.crc32(tree.encode())
+def _checksum(section: str, name: str, data: bytes) -> int:
+    return zlib.crc32(f"{section}\0{name}\0".encode() + data)
 
 
 def _lock(folder: Path) -> int:
