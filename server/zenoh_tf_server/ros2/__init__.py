@@ -11,15 +11,12 @@ from contextlib import ExitStack
 import zenoh
 
 from ..ingest.ingest import Ingest
-from ..ingest.prefixes import Prefixes
 from ..limits import Limits
 from ..requests.service import Service
 from ..state.static_links import StaticLinks
 from .incoming import Incoming
 from .outgoing import Outgoing
-from .publishers import Publishers
 from .settings import Ros2Settings
-from .statics import Statics
 
 
 def start(
@@ -40,13 +37,6 @@ def start(
         service.on_commit = outgoing.committed
         service.add_counters(outgoing.counters)
     if settings.receive:
-        statics = Statics(
-            session, links, settings.static_grace_s, lambda puts: ingest.add(puts, wait=False)
-        )
-        histories = statics.histories
-        publishers = Publishers(session, histories.publisher_found, histories.publisher_gone)
-        stack.callback(publishers.close)
-        prefixes = Prefixes(settings.rules, settings.shared)
-        incoming = Incoming(session, ingest, limits, publishers, prefixes, statics)
+        incoming = Incoming(session, ingest, links, limits, settings)
         stack.callback(incoming.close)
         service.add_counters(incoming.counters)

@@ -15,12 +15,9 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import heapq
-import itertools
+import asyncio
 import logging
 import threading
-import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -65,7 +62,7 @@ class _Keeper:
     declared: dict[str, Publisher] = field(default_factory=dict)
     retry_s: float = _RETRY_S
     asking: int = 0  # queries under way
-    is_due: bool = False  # it is asked again at a time in `Histories._later`
+    is_due: bool = False  # it is to be asked again at some time
     failed: bool = False  # the last query
     answered: bool = False  # some message was there
     is_silent: bool = False  # it declares to keep messages, and sent none when asked
@@ -91,37 +88,32 @@ class Histories:
         self,
         session: zenoh.Session,
         came_or_went: Callable[[_Identity, bool], None],
+        receive: Callable[[Received], None],
+        report: Callable[[str, ProtocolError], None],
     ) -> None:
         """Bridges can be asked at once; what they reply waits for `start`.
 
         `came_or_went` gets publishers of whom a token has come (True), or that are gone and would
-        send again what they keep (False)."""
+        send again what they keep (False), `receive` messages, and `report` what is malformed."""
         self._session = session
         self._own_zid = str(session.info.zid())
         self._came_or_went = came_or_went
-        self._changed = threading.Condition()
+        self._receive = receive
+        self._reception = Reception(TF_MESSAGE, report)
+        self._lock = threading.Lock()
         self._keepers: dict[_Identity, _Keeper] = {}
         self._tokens: set[str] = set()  # of all keepers
-        self._later: list[tuple[float, int, _Keeper]] = []  # a heap of times
-        self._numbers = itertools.count()  # so that no two entries of it are equal
-        self._replies: deque[tuple[zenoh.Sample, str]] = deque()  # and the publisher's id
-        self._reply_bytes = 0
-        self._closing = False
+        self._replies = self._reply_bytes = 0  # that wait
         #: How often a publisher has not answered.
         self.failures = 0
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
+        self._loop = asyncio.new_event_loop()
         self._thread: threading.Thread | None = None
 
-    def start(
-        self,
-        receive: Callable[[Received], None],
-        report: Callable[[str, ProtocolError], None],
-    ) -> None:
-        """Begin. `receive` gets messages, `report` what is malformed."""
-        self._receive = receive
-        self._reception = Reception(TF_MESSAGE, report)
-        self._thread = threads.start("ros2-histories", self._run)
+    def start(self) -> None:
+        """Begin to ask, and to receive the replies."""
+        self._thread = threads.start("ros2-histories", self._loop.run_forever)
         for data in (keys.rmw_data(TOPIC, TF_MESSAGE), keys.bridge_data(TOPIC)):
             subscriber = self._session.liveliness().declare_subscriber(
                 keys.histories(data), self._token_changed, history=True
@@ -132,15 +124,13 @@ class Histories:
         """End."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
+        self._loop.call_soon_threadsafe(self._loop.stop)
         threads.join(self._thread)
 
     @property
     def silent(self) -> int:
         """How many publishers declare to keep messages, and sent none when asked."""
-        with self._changed:
+        with self._lock:
             return sum(
                 len(keeper.declared) for keeper in self._keepers.values() if keeper.is_silent
             )
@@ -155,7 +145,7 @@ class Histories:
         identity = (publisher.data, publisher.zid)
         # A server like this one keeps messages, and sends none before it has any.
         declares = publisher.is_latched and publisher.node != f"/{NODE}"
-        with self._changed:
+        with self._lock:
             keeper = self._keepers.get(identity) or _Keeper(identity)
             if declares:
                 self._keepers[identity] = keeper
@@ -166,7 +156,7 @@ class Histories:
 
     def publisher_gone(self, publisher: Publisher) -> None:
         """Follow a publisher no more."""
-        with self._changed:
+        with self._lock:
             keeper = self._keepers.get((publisher.data, publisher.zid))
             if keeper is None or keeper.declared.pop(publisher.token, None) is None:
                 return
@@ -179,7 +169,7 @@ class Histories:
         keeper = self._keepers.get(identity)
         if keeper is None or not keeper.is_silent or keeper.was_checked_again:
             return  # the common case, without the lock
-        with self._changed:
+        with self._lock:
             keeper.was_checked_again = True
             self._ask_later(keeper, _CHECK_S)
 
@@ -195,7 +185,7 @@ class Histories:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._token_removed(identity, token)
             return
-        with self._changed:
+        with self._lock:
             if token in self._tokens:
                 return
             if len(self._tokens) >= MAX_PUBLISHERS:
@@ -213,7 +203,7 @@ class Histories:
         self._ask(keeper, [token])
 
     def _token_removed(self, identity: _Identity, token: str) -> None:
-        with self._changed:
+        with self._lock:
             keeper = self._keepers.get(identity)
             if keeper is None or token not in keeper.tokens:
                 return
@@ -241,7 +231,7 @@ class Histories:
         """Ask publishers. Their own keys differ from that of the messages: hence `_anyke`."""
         zid = keeper.identity[1]
         question = _Question(keeper, is_check, len(selectors))
-        with self._changed:
+        with self._lock:
             keeper.asking += len(selectors)
 
         def reply(reply: zenoh.Reply) -> None:
@@ -263,7 +253,7 @@ class Histories:
     def _ended(self, question: _Question) -> None:
         """One query of a question has ended, after its replies."""
         keeper = question.keeper
-        with self._changed:
+        with self._lock:
             keeper.asking -= 1
             question.left -= 1
             if question.left:
@@ -299,13 +289,11 @@ class Histories:
         if keeper.is_due or self._keepers.get(keeper.identity) is not keeper:
             return
         keeper.is_due = True
-        at_s = time.monotonic() + after_s
-        heapq.heappush(self._later, (at_s, next(self._numbers), keeper))
-        self._changed.notify_all()
+        self._loop.call_soon_threadsafe(self._loop.call_later, after_s, self._ask_again, keeper)
 
     def _ask_again(self, keeper: _Keeper) -> None:
         """Ask publishers whose time has come, unless they are gone or have answered."""
-        with self._changed:
+        with self._lock:
             keeper.is_due = False
             if self._keepers.get(keeper.identity) is not keeper:
                 return
@@ -325,36 +313,21 @@ class Histories:
     def _queue(self, sample: zenoh.Sample, zid: str) -> bool:
         """Hand a reply to this module's thread. False: there is no room."""
         size = len(sample.payload)
-        with self._changed:
-            if len(self._replies) >= _MAX_REPLIES or self._reply_bytes + size > _MAX_REPLY_BYTES:
+        with self._lock:
+            if self._replies >= _MAX_REPLIES or self._reply_bytes + size > _MAX_REPLY_BYTES:
                 return False
-            self._replies.append((sample, zid))
+            self._replies += 1
             self._reply_bytes += size
-            self._changed.notify_all()
+        self._loop.call_soon_threadsafe(self._replied, sample, zid, size)
         return True
 
-    def _run(self) -> None:
-        while (found := self._next()) is not None:
-            if isinstance(found, _Keeper):
-                self._ask_again(found)
-                continue
-            message = self._reception.message(*found)
-            if message is not None:
-                self._receive(message)
-
-    def _next(self) -> tuple[zenoh.Sample, str] | _Keeper | None:
-        """Wait for a reply, or for publishers that are to be asked again. None: closing."""
-        with self._changed:
-            while not self._closing:
-                if self._replies:
-                    reply = self._replies.popleft()
-                    self._reply_bytes -= len(reply[0].payload)
-                    return reply
-                now_s = time.monotonic()
-                if self._later and self._later[0][0] <= now_s:
-                    return heapq.heappop(self._later)[2]
-                self._changed.wait(self._later[0][0] - now_s if self._later else None)
-        return None
+    def _replied(self, sample: zenoh.Sample, zid: str, size: int) -> None:
+        with self._lock:
+            self._replies -= 1
+            self._reply_bytes -= size
+        message = self._reception.message(sample, zid)
+        if message is not None:
+            self._receive(message)
 
 
 def _old_caches(identity: _Identity) -> list[str]:

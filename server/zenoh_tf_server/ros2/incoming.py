@@ -8,6 +8,7 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -26,7 +27,10 @@ from ..ingest.prefixes import Prefixes
 from ..ingest.put_queues import LARGE_BYTES, Put
 from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
+from ..state.static_links import StaticLinks
+from .histories import Histories
 from .publishers import Decode, Publishers, Source
+from .settings import Ros2Settings
 from .statics import Statics
 
 
@@ -37,38 +41,50 @@ class Incoming:
         self,
         session: zenoh.Session,
         ingest: Ingest,
+        links: StaticLinks,
         limits: Limits,
-        publishers: Publishers,
-        prefixes: Prefixes,
-        statics: Statics,
+        settings: Ros2Settings,
     ) -> None:
         self._ingest = ingest
         self._limits = limits
-        self._publishers = publishers
-        self._prefixes = prefixes
-        self._statics = statics
+        self._prefixes = Prefixes(settings.rules, settings.shared)
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._lock = threading.Lock()
         self._counts = {"ros2_messages": 0, "ros2_bad_keys": 0, "ros2_bad_attachments": 0}
+        self._statics = Statics(
+            links, settings.static_grace_s, lambda puts: ingest.add(puts, wait=False)
+        )
+        self._histories = histories = Histories(
+            session, self._statics.came_or_went, self._receive_history, self._report
+        )
+        self._publishers = Publishers(session, histories.publisher_found, histories.publisher_gone)
         self._listeners = [
-            TopicListener(session, topic, TF_MESSAGE, receive, self.report)
+            TopicListener(session, topic, TF_MESSAGE, receive, self._report)
             for topic, receive in (("tf", self._receive), ("tf_static", self._receive_static))
         ]
-        self._statics.start(self._receive_history, self.report)
+        histories.start()
 
     def close(self) -> None:
         """Receive no more."""
         for listener in self._listeners:
             listener.close()
+        self._histories.close()
         self._statics.close()
+        self._publishers.close()
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
         with self._lock:
             counts = dict(self._counts)
-        return counts | {"ros2_publishers": len(self._publishers)} | self._statics.counters()
+        return {
+            **counts,
+            **self._statics.counters(),
+            "ros2_publishers": len(self._publishers),
+            "ros2_unanswered": self._histories.failures,
+            "ros2_silent": self._histories.silent,
+        }
 
-    def report(self, key: str, error: ProtocolError) -> None:
+    def _report(self, key: str, error: ProtocolError) -> None:
         """Count and log a malformed key or attachment."""
         with self._lock:
             self._counts["ros2_bad_keys" if error.field == "key" else "ros2_bad_attachments"] += 1
@@ -77,52 +93,50 @@ class Incoming:
     # --- messages
 
     def _receive(self, messages: list[Received]) -> None:
-        now_ns = time.time_ns()
-        puts: list[Put] = []
-        for message in messages:
-            source = self._publishers.source(message)
-            if source.is_copy:
-                continue
-            decode = source.decode or self._add_decoder(source)
-            size = len(message.payload)
-            payload = message.payload if size > LARGE_BYTES else message.payload.to_bytes()
-            puts.append(Put(source.authority, False, payload, size, now_ns, decode))
-        with self._lock:
-            self._counts["ros2_messages"] += len(puts)
+        found = [self._put(message, static=False) for message in messages]
+        puts = [one[1] for one in found if one is not None]
+        self._count(len(puts))
         self._ingest.add(puts)
 
     def _receive_static(self, messages: list[Received]) -> None:
-        self._add_statics(messages, wait=True)
+        self._add_statics(messages, live=True)
 
     def _receive_history(self, message: Received) -> None:
-        self._add_statics([message], wait=False)
+        self._add_statics([message], live=False)
 
-    def _add_statics(self, messages: list[Received], *, wait: bool) -> None:
+    def _put(self, message: Received, *, static: bool) -> tuple[Source, Put] | None:
+        """A message as a put, and where it comes from; None: it is a copy of another one."""
+        source = self._publishers.source(message)
+        if source.is_copy:
+            return None
+        decode = source.decode or self._add_decoder(source)
+        size = len(message.payload)
+        payload = message.payload if size > LARGE_BYTES else message.payload.to_bytes()
+        return source, Put(source.authority, static, payload, size, time.time_ns(), decode)
+
+    def _add_statics(self, messages: list[Received], *, live: bool) -> None:
         """Put what is new in messages of `/tf_static`. What cannot be decoded is left to the put
-        queue, which refuses it as any put."""
-        accepted = 0
+        queue, which refuses it as any put. `live`: they were sent now, so this may wait."""
         for message in messages:
-            source = self._publishers.source(message)
-            if source.is_copy:
+            found = self._put(message, static=True)
+            if found is None:
                 continue
-            accepted += 1
-            decode = source.decode or self._add_decoder(source)
-            size = len(message.payload)
-            put = Put(source.authority, True, message.payload, size, time.time_ns(), decode)
-            if size <= self._limits.message_bytes:
-                put.payload = message.payload.to_bytes()
-                try:
-                    rows = decode(put.payload)
-                    news = self._statics.record(source, message.number, rows, live=wait)
-                except TransformException:
-                    pass
-                else:
+            self._count(1)
+            source, put = found
+            if put.size <= self._limits.message_bytes and put.decode is not None:
+                with contextlib.suppress(TransformException):
+                    rows = put.decode(message.payload.to_bytes())
+                    if live:
+                        self._histories.has_sent(source.identity)
+                    news = self._statics.record(source, message.number, rows, live=live)
                     if news is None:
                         continue
                     put = news
-            self._ingest.add([put], wait=wait)
+            self._ingest.add([put], wait=live)
+
+    def _count(self, messages: int) -> None:
         with self._lock:
-            self._counts["ros2_messages"] += accepted
+            self._counts["ros2_messages"] += messages
 
     def _add_decoder(self, source: Source) -> Decode:
         source.decode = self._decoder(source)

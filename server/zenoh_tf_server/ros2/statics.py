@@ -19,17 +19,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-import zenoh
-
 from zenoh_tf._core import TransformRows
-from zenoh_tf.errors import ProtocolError, TransformException
-from zenoh_tf.ros2.topics import Received
+from zenoh_tf.errors import TransformException
 from zenoh_tf.threads import Periodic
 
 from ..ingest.put_queues import Put
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
-from .histories import Histories
 from .publishers import MAX_PUBLISHERS, Source
 
 #: How often publishers whose grace has ended are forgotten.
@@ -78,18 +74,12 @@ class Statics:
     """What each publisher of `/tf_static` has sent."""
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        links: StaticLinks,
-        grace_s: float,
-        add: Callable[[list[Put]], None],
+        self, links: StaticLinks, grace_s: float, add: Callable[[list[Put]], None]
     ) -> None:
-        """`add`: queues puts."""
+        """`add`: queues puts. `grace_s`: 0 keeps the links of publishers that are gone."""
         self._tree_links = links
         self._grace_s = grace_s
         self._add = add
-        #: Asks for what was sent before, now and whenever a publisher appears.
-        self.histories = Histories(session, self._came_or_went)
         self._lock = threading.Lock()
         self._publishers: dict[_Identity, _Publisher] = {}
         self._owners: dict[str, _Identity] = {}  # of each child: the publisher that sent it last
@@ -97,33 +87,19 @@ class Statics:
         self._dropped = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._thread = Periodic("ros2-statics", self._forget_gone, _PERIOD_S)
-
-    def start(
-        self,
-        receive: Callable[[Received], None],
-        report: Callable[[str, ProtocolError], None],
-    ) -> None:
-        """Begin; see `Histories.start`."""
-        self.histories.start(receive, report)
-        if self._grace_s:
+        if grace_s:
             self._thread.start()
 
     def close(self) -> None:
-        """End."""
-        self.histories.close()
+        """Forget no more publishers."""
         self._thread.close()
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""
-        return {
-            "ros2_static_links": self._links,
-            "ros2_statics_dropped": self._dropped,
-            "ros2_unanswered": self.histories.failures,
-            "ros2_silent": self.histories.silent,
-        }
+        return {"ros2_static_links": self._links, "ros2_statics_dropped": self._dropped}
 
     def record(
-        self, source: Source, number: int | None, rows: TransformRows, *, live: bool = True
+        self, source: Source, number: int | None, rows: TransformRows, *, live: bool
     ) -> Put | None:
         """Record a message, and return the put of what the tree needs of it; None if nothing.
 
@@ -134,8 +110,6 @@ class Statics:
             live: It is sent now. False: kept by its publisher, so it may be from before what
                 other publishers have sent.
         """
-        if live:
-            self.histories.has_sent(source.identity)
         names = rows.names
         columns = (rows.parent, rows.child, rows.stamp, rows.pose)
         with self._lock:
@@ -202,7 +176,8 @@ class Statics:
 
     # --- publishers that come and go
 
-    def _came_or_went(self, identity: _Identity, is_there: bool) -> None:
+    def came_or_went(self, identity: _Identity, is_there: bool) -> None:
+        """Follow a publisher that has come, or is gone."""
         with self._lock:
             publisher = self._publishers.get(identity)
             if publisher is not None:
