@@ -36,10 +36,7 @@ class TreeObserver:
         """Begin to observe, and wait for what the server has.
 
         Raises:
-            ServerUnavailable: As `MirrorFeed.wait_for_copy`, also for the others.
-            AccessDenied: The same.
-            TimeoutException: The same.
-            LimitExceeded: The same.
+            TransformException: Those that `MirrorFeed.wait_for_copy` lists.
         """
         self.observation = Observation()
         self._timeout_s = timeout_s

@@ -1,18 +1,18 @@
-"""Limits that clients share: who may hold how much, and what a refusal says.
+"""Limits that clients share: how much of one each client may hold, and the error for a refusal.
 
-1. All clients together hold the limit at most. What has no room is refused; what a client holds
-   stays its own.
-2. A client with a limit of its own holds that much at most. Else it may hold as much as is left
-   free when it has got it: one greedy client gets half, two get a third each, and there is always
-   something left for the next one. The last one goes to a client that has none.
-3. A refusal is `ServerBusy` with the limit, what would be held of it, and when to try again. What
-   never fits is `LimitExceeded`; but where clients have limits of their own, which is where
-   something has arrived already, it is let in alone.
+1. All clients together hold at most the limit. `admit` refuses what would exceed it, and never
+   takes away what a client holds.
+2. With a limit per client, a client holds at most that. Without one, a client may grow as long as
+   at least as much is left free: with n heavy clients each gets 1/(n+1), so a new client always
+   finds capacity. A client that holds nothing may also take the last unit.
+3. A refusal is `ServerBusy` with the limit, the value that it would reach, and when to try again.
+   What could never fit is `LimitExceeded`. With limits per client, which count what has already
+   arrived, a request that alone exceeds a limit is admitted if nothing else counts against it.
 
-Two users can reclaim what they gave, so they refuse less. Frames of interests grow without being
-asked for: `room`. Put queues have no time to refuse: a full one drops its oldest put, and the
-longest one does if all are full together. They count for themselves, as a call for each put would
-cost more than the queue.
+Two limits are shared elsewhere, as there something can be reclaimed in place of a refusal. The
+frames of interests use `room`: they grow on their own, and the interest above its share ends. Put
+queues (`ingest/put_queues.py`) drop their oldest put, and count for themselves, as a call of this
+class for each put would cost more than the queue.
 
 Thread safety: none; the owner locks.
 """

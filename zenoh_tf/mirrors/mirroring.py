@@ -25,7 +25,6 @@ from .._core import ChangeReplay
 from ..errors import (
     ProtocolError,
     ServerBusy,
-    ServerRestarted,
     ServerUnavailable,
     TimeoutException,
     TransformException,
@@ -197,8 +196,8 @@ class Mirroring:
         try:
             copy = self._copy
             if copy is not None and wire.text(reply, "instance") != copy.instance:
-                raise ServerRestarted("another server instance has replied")
-            if self._wants_plan:
+                self.restart()
+            elif self._wants_plan:
                 self._begin(wire.text(reply, "instance"), wire.parse_snapshot_plan(reply))
             elif (piece := self._requests[number]) is not None:
                 loaded = wire.parse_snapshot_piece(reply)
@@ -272,10 +271,11 @@ class Mirroring:
         copy = self._copy
         assert copy is not None
         if self._asked_for > last:
-            self.contradictions += 1
-            raise ServerRestarted("a later message has come than the server has sent")
-        if not messages:  # the gap cannot be closed: a snapshot follows
-            raise ServerRestarted("the missed messages are forgotten")
+            self.contradicted()
+            return
+        if not messages:  # the server has evicted them, so the gap cannot be closed
+            self.restart()
+            return
         copy.repeats.clear()
         for data in messages:
             message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))

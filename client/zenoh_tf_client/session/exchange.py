@@ -178,7 +178,7 @@ class Exchange:
         deadline_s = time.monotonic() + timeout_s
         behind: wire.Message | None = None  # the replica's refusal
         if self.server is None or self.replica is not None:  # not the common case
-            found = yield from self._read_replica(request, deadline_s)
+            found = yield from self._try_replica(request, deadline_s)
             if found is not None and not wire.is_behind(found):
                 wire.raise_error(found)
                 return request.parse(found)
@@ -232,22 +232,22 @@ class Exchange:
             if self.replica is None:  # one may have come
                 yield from self._find_replica(_HELLO_TIMEOUT_S)
 
-    def _read_replica(self, request: Request[Any], deadline_s: float) -> Steps[wire.Message | None]:
-        """Look for what answers if that is not known, and ask the replica if there is one. None:
-        the server is to be asked."""
+    def _try_replica(self, request: Request[Any], deadline_s: float) -> Steps[wire.Message | None]:
+        """Find out what answers reads if that is not known; return the reply of the replica, if it
+        is one. None: the server is to be asked."""
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):
                 yield from self.greet(self._timeout_s * _FIND_SHARE)
         if (replica := self.replica) is None or request.request_type not in replica.keys:
             return None
-        found = yield from self._read_near(replica, request, deadline_s)
+        found = yield from self._ask_replica(replica, request, deadline_s)
         if not isinstance(found, NoReply):
             return found
         if not found.at_once:
             raise ServerUnavailable(found.reason)
         return None
 
-    def _read_near(
+    def _ask_replica(
         self, replica: Replica, request: Request[Any], deadline_s: float
     ) -> Steps[wire.Message | NoReply]:
         """Ask the replica; its refusal is the outcome if it does not get what the client must

@@ -32,7 +32,8 @@ _BATCH_COST: Final = 1 << 20
 #: A queue that is filled above this part of its limits, or whose puts wait for this part of theirs,
 #: presses: the receiver holds back.
 _PRESSING: Final = 0.25
-#: The receiver accepts no more at once than this part of a queue's limit, unless it is late.
+#: The receiver accepts no more at once than this part of a queue's limit, unless the puts of others
+#: wait behind those of an authority that presses.
 _BATCH: Final = 0.125
 #: While a queue presses, the puts of others are received from Zenoh at least this often.
 _HOLD_BACK_S: Final = 0.025
@@ -251,9 +252,10 @@ class Ingest:
         if self._gathers:
             time.sleep(_GATHER_S)
         now_s = time.monotonic()
-        # Late: while one authority presses, the others must not wait behind its puts.
-        late = bool(self._pressing) and not self._is_alone(now_s)
-        most_bytes = self._limits.put_queues_bytes if late else self._max_queue_bytes * _BATCH
+        # While one authority presses, the others must not wait behind its puts.
+        others_wait = bool(self._pressing) and not self._is_alone(now_s)
+        limits = self._limits
+        most_bytes = limits.put_queues_bytes if others_wait else self._max_queue_bytes * _BATCH
         puts: list[Put] = []
         size = 0
         while True:

@@ -161,8 +161,8 @@ class PutQueues:
         self._small: list[tuple[int, int, _Queue]] = []
         self._large: list[tuple[int, int, _Queue]] = []
         self._dropped: list[Put] = []  # as they were stale
-        self._late: _Queue | None = None  # the last one that had stale puts
-        self._late_s = self._other_late_s = -inf  # when that one, and another one, had
+        self._last_stale: _Queue | None = None  # the last queue that had stale puts
+        self._last_stale_s = self._other_stale_s = -inf  # when that one, and another one, had
         self.bytes = 0
 
     def add(self, put: Put) -> list[Put]:
@@ -280,10 +280,10 @@ class PutQueues:
         before_s = now_s - self._max_wait_s
         if not queue.has_stale(before_s):
             return
-        if queue is not self._late:
-            self._late, self._other_late_s = queue, self._late_s
-        self._late_s = now_s
-        while self._other_late_s >= before_s and queue.has_stale(before_s):
+        if queue is not self._last_stale:
+            self._last_stale, self._other_stale_s = queue, self._last_stale_s
+        self._last_stale_s = now_s
+        while self._other_stale_s >= before_s and queue.has_stale(before_s):
             stale = queue.drop_oldest()
             assert stale is not None
             self._dropped += self._forget([stale])
