@@ -123,6 +123,10 @@ def when(stamp_ns: int) -> str:
     return text
 
 
+#: The arguments of `table`.
+Table = tuple[Sequence[str], Sequence[Sequence[str]], Sequence[int]]
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[str]:
     """The lines of a table, with these columns to the left and all others to the right."""
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
+from collections.abc import Sequence
 from dataclasses import asdict
 
-from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.quit_key import ends_on_q
-from zenoh_tf_tools.cli.show.pair_delays import add_pairs
-from zenoh_tf_tools.cli.show.rates import Period, watch
+from zenoh_tf_tools.cli.show.pair_delays import PairDelay, add_pairs
+from zenoh_tf_tools.cli.show.rates import AuthorityRate, LinkRate, Period, periods
 
 
 def add(commands: Commands) -> None:
@@ -37,31 +36,37 @@ def add(commands: Commands) -> None:
 
 def _monitor(args: argparse.Namespace) -> int:
     with connect(args) as tf, ends_on_q():
-        printed, is_reported = 0, False
-        while printed != args.count:
-            try:
-                period = watch(tf, args.every, args.pairs)
-            except ServerUnavailable as error:
-                if not is_reported:
-                    output.report_waiting(error, args.json)
-                is_reported = True
-                time.sleep(args.every)
-                continue
-            is_reported = False
+        shown = periods(tf, args, lambda error: output.report_waiting(error, args.json))
+        for number, period in enumerate(shown):
             if args.json:
                 output.print_json({"tree": args.tree, **asdict(period)})
             else:
-                print(f"\n{text(period)}" if printed else text(period))
+                print(f"\n{text(period)}" if number else text(period))
             sys.stdout.flush()
-            printed += 1
     return 0
 
 
 def text(period: Period) -> str:
     """A period as tables."""
-    links = [
+    lines = [
+        f"in {period.seconds:.1f} s: {len(period.links):,} dynamic and {period.static_links:,} "
+        "static links"
+    ]
+    for table in (
+        links_table(period.links),
+        authorities_table(period.authorities),
+        pairs_table(period.pairs),
+    ):
+        if table[1]:
+            lines += ["", *output.table(*table)] if lines[1:] else output.table(*table)
+    return "\n".join(lines)
+
+
+def links_table(links: Sequence[LinkRate]) -> output.Table:
+    """The links, for `output.table`."""
+    rows = [
         (
-            f"{printable(link.parent)} -> {printable(link.frame)}",
+            printable(f"{link.parent} -> {link.frame}"),
             f"{link.commits_per_s:.1f}",
             output.figure(link.rate_hz, 1),
             output.figure(link.least_age_s, 3),
@@ -69,9 +74,15 @@ def text(period: Period) -> str:
             printable(link.authority),
             "stopped" if link.stopped else "",
         )
-        for link in period.links
+        for link in links
     ]
-    authorities = [
+    titles = ("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority", "")
+    return titles, rows, (0, 5, 6)
+
+
+def authorities_table(authorities: Sequence[AuthorityRate]) -> output.Table:
+    """The authorities, for `output.table`."""
+    rows = [
         (
             printable(each.authority),
             f"{each.commits_per_s:.1f}",
@@ -80,29 +91,21 @@ def text(period: Period) -> str:
             f"{each.refused:,}",
             output.figure(each.lead_max_s, 3),
         )
-        for each in period.authorities
+        for each in authorities
     ]
-    lines = [
-        f"in {period.seconds:.1f} s: {len(links):,} dynamic and {period.static_links:,} static "
-        "links"
+    titles = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
+    return titles, rows, (0,)
+
+
+def pairs_table(pairs: Sequence[PairDelay]) -> output.Table:
+    """The delays of pairs, for `output.table`."""
+    rows = [
+        (
+            printable(f"{pair.target} <- {pair.source}"),
+            output.figure(pair.least_delay_s, 3),
+            output.figure(pair.greatest_delay_s, 3),
+            printable(pair.oldest_link or pair.problem or ""),
+        )
+        for pair in pairs
     ]
-    if links:
-        titles = ("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority", "")
-        lines += output.table(titles, links, texts=(0, 5, 6))
-    if authorities:
-        lines.append("")
-        columns = ("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
-        lines += output.table(columns, authorities, texts=(0,))
-    if period.pairs:
-        delays = [
-            (
-                f"{printable(pair.target)} <- {printable(pair.source)}",
-                output.figure(pair.least_delay_s, 3),
-                output.figure(pair.greatest_delay_s, 3),
-                printable(pair.oldest_link or pair.problem or ""),
-            )
-            for pair in period.pairs
-        ]
-        of_pairs = ("pair", "least delay [s]", "greatest [s]", "oldest link")
-        lines += ["", *output.table(of_pairs, delays, texts=(0, 3))]
-    return "\n".join(lines)
+    return ("pair", "least delay [s]", "greatest [s]", "oldest link"), rows, (0, 3)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from zenoh_tf import AuthorityInfo, FrameInfo
+from zenoh_tf import AuthorityInfo, FrameInfo, ServerUnavailable
 from zenoh_tf.introspection.explain import is_stopped
 from zenoh_tf.text.times import CLOCK_RANGE_S, reference_ns
 from zenoh_tf_client import TransformClient
@@ -55,6 +56,30 @@ class Period:
     links: Sequence[LinkRate]
     authorities: Sequence[AuthorityRate]
     pairs: Sequence[PairDelay] = ()
+
+
+def periods(
+    tf: TransformClient,
+    args: argparse.Namespace,
+    on_lost: Callable[[ServerUnavailable], object],
+) -> Iterator[Period]:
+    """Watch a tree for as many periods as the options say.
+
+    `on_lost`: called with the reason when the server has ended; then one that comes is awaited.
+    """
+    watched, is_lost = 0, False
+    while watched != args.count:
+        try:
+            period = watch(tf, args.every, args.pairs)
+        except ServerUnavailable as error:
+            if not is_lost:
+                on_lost(error)
+            is_lost = True
+            time.sleep(args.every)
+            continue
+        is_lost = False
+        yield period
+        watched += 1
 
 
 def watch(tf: TransformClient, period_s: float, pairs: Sequence[Sequence[str]] = ()) -> Period:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.output import figure
+from zenoh_tf_tools.cli.output import Table
 from zenoh_tf_tools.cli.quit_key import ends_on_q
-from zenoh_tf_tools.cli.show.pair_delays import PairDelay, add_pairs
-from zenoh_tf_tools.cli.show.rates import LinkRate, Period, watch
+from zenoh_tf_tools.cli.show.monitor import authorities_table, links_table, pairs_table
+from zenoh_tf_tools.cli.show.pair_delays import add_pairs
+from zenoh_tf_tools.cli.show.rates import Period, periods
 from zenoh_tf_tools.errors import extra
 
 if TYPE_CHECKING:
@@ -58,19 +58,14 @@ def _top(args: argparse.Namespace) -> int:
         ends_on_q(),  # first, as a board replaces stdout
         Live(console=console, screen=console.is_terminal) as live,
     ):
-        shown = 0
-        while shown != args.count:
-            try:
-                period = watch(tf, args.every, args.pairs)
-            except ServerUnavailable as error:
-                live.update(_name(f"{error} (waiting)"), refresh=True)
-                time.sleep(args.every)
-                continue
+
+        def wait(error: ServerUnavailable) -> None:
+            live.update(_text(f"{error} (waiting)"), refresh=True)
+
+        for period in periods(tf, args, wait):
             # A table that is higher than the terminal would hide its own end.
             rows = console.height if console.is_terminal else len(period.links)
-            board = _board(args.tree, period, args.sort, rows)
-            live.update(board, refresh=True)
-            shown += 1
+            live.update(_board(args.tree, period, args.sort, rows), refresh=True)
     return 0
 
 
@@ -87,71 +82,35 @@ def _board(tree: str, period: Period, order: str, rows: int) -> Group:
     if stopped:
         title.append(f", {stopped:,} stopped", style="bold red")
     links = sorted(period.links, key=_ORDERS[order])
+    pairs = [_drawn(pairs_table(period.pairs), {})] if period.pairs else []
     # The title, two headers with their rules, and the line that counts the rest.
-    pairs = [_pairs(period.pairs)] if period.pairs else []
     shown = max(3, rows - len(period.authorities) - (len(period.pairs) + 3 if pairs else 0) - 10)
-    parts: list[Any] = [title, _links(links[:shown])]
+    ahead = {n: "yellow" for n, link in enumerate(links) if (link.greatest_age_s or 0.0) < 0}
+    still = {n: "bold red" for n, link in enumerate(links) if link.stopped}
+    parts: list[Any] = [title, _drawn(links_table(links[:shown]), ahead | still)]
     if len(links) > shown:
         parts.append(Text(f"and {len(links) - shown:,} more links", style="dim"))
-    return Group(*parts, *pairs, _authorities(period))
+    lost = {n: "bold red" for n, x in enumerate(period.authorities) if x.refused or x.dropped}
+    return Group(*parts, *pairs, _drawn(authorities_table(period.authorities), lost))
 
 
-def _links(links: list[LinkRate]) -> Any:
-    table = _table("link", "writes/s", "rate [Hz]", "least age [s]", "greatest [s]", "authority")
-    for link in links:
-        late = link.greatest_age_s is not None and link.greatest_age_s < 0
-        table.add_row(
-            _name(f"{link.parent} -> {link.frame}"),
-            f"{link.commits_per_s:.1f}",
-            figure(link.rate_hz, 1),
-            figure(link.least_age_s, 3),
-            figure(link.greatest_age_s, 3),
-            _name(link.authority),
-            style="bold red" if link.stopped else "yellow" if late else None,
-        )
-    return table
-
-
-def _pairs(pairs: Sequence[PairDelay]) -> Any:
-    table = _table("pair", "least delay [s]", "greatest [s]", "oldest link")
-    for pair in pairs:
-        table.add_row(
-            _name(f"{pair.target} <- {pair.source}"),
-            figure(pair.least_delay_s, 3),
-            figure(pair.greatest_delay_s, 3),
-            _name(pair.oldest_link or pair.problem or ""),
-        )
-    return table
-
-
-def _authorities(period: Period) -> Any:
-    table = _table("authority", "commits/s", "transforms/s", "dropped", "refused", "lead [s]")
-    for each in period.authorities:
-        table.add_row(
-            _name(each.authority),
-            f"{each.commits_per_s:.1f}",
-            f"{each.transforms_per_s:.1f}",
-            f"{each.dropped:,}",
-            f"{each.refused:,}",
-            figure(each.lead_max_s, 3),
-            style="bold red" if each.refused or each.dropped else None,
-        )
-    return table
-
-
-def _table(*titles: str) -> Any:
+def _drawn(table: Table, styles: Mapping[int, str]) -> Any:
+    """A table, with these rows in other colours."""
     from rich import box  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.table import Table as RichTable  # noqa: PLC0415
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for title in titles:
-        is_text = title in ("link", "authority", "pair", "oldest link")
-        table.add_column(_name(title), justify="left" if is_text else "right", no_wrap=True)
-    return table
+    titles, rows, texts = table
+    drawn = RichTable(box=box.SIMPLE_HEAD, pad_edge=False)
+    for number, title in enumerate(titles):
+        left = number in texts
+        drawn.add_column(_text(title), justify="left" if left else "right", no_wrap=True)
+    for number, cells in enumerate(rows):
+        drawn.add_row(*map(_text, cells), style=styles.get(number))
+    return drawn
 
 
-def _name(text: str) -> Any:
-    """A name as it is: rich would read brackets as markup."""
+def _text(text: str) -> Any:
+    """Text as it is: rich would read brackets as markup."""
     from rich.text import Text  # noqa: PLC0415
 
     return Text(printable(text))
