@@ -22,39 +22,23 @@ _SIGNS: Final[dict[Kind, str]] = {"added": "+", "removed": "-", "reparented": ">
 
 @dataclass(frozen=True)
 class Difference:
-    """How one link differs from before to after."""
+    """How one link differs from before to after.
+
+    `offset_mm`, how far the child has moved along the parent's axes, and `rotation_deg`, the angle
+    between the two rotations, are None unless the child has one parent.
+    """
 
     child: str
     kind: Kind
     before: StampedTransform | None
     after: StampedTransform | None
-
-    @property
-    def offset_mm(self) -> tuple[float, float, float] | None:
-        """How far the child has moved along the parent's axes; None unless it has one parent."""
-        if self.before is None or self.after is None or self.kind == "reparented":
-            return None
-        x, y, z = (
-            1000 * (after - before)
-            for before, after in zip(
-                self.before.transform.translation.tolist(),
-                self.after.transform.translation.tolist(),
-                strict=True,
-            )
-        )
-        return x, y, z
+    offset_mm: list[float] | None = None
+    rotation_deg: float | None = None
 
     @property
     def translation_mm(self) -> float | None:
         """The length of the offset."""
         return None if self.offset_mm is None else math.hypot(*self.offset_mm)
-
-    @property
-    def rotation_deg(self) -> float | None:
-        """The angle between the two rotations; None unless the child has one parent."""
-        if self.before is None or self.after is None or self.kind == "reparented":
-            return None
-        return _angle_deg(self.before, self.after)
 
     def document(self) -> dict[str, object]:
         """As JSON values."""
@@ -64,19 +48,31 @@ class Difference:
             "parent_before": None if self.before is None else self.before.parent_frame,
             "parent_after": None if self.after is None else self.after.parent_frame,
             "translation_mm": self.translation_mm,
-            "offset_mm": None if self.offset_mm is None else list(self.offset_mm),
+            "offset_mm": self.offset_mm,
             "rotation_deg": self.rotation_deg,
         }
 
 
 def compare(before: Links, after: Links) -> list[Difference]:
     """The difference of each link, by child frame; also of links that are the same."""
-    return [
-        Difference(
-            child, _kind(before.get(child), after.get(child)), before.get(child), after.get(child)
-        )
-        for child in sorted(before.keys() | after.keys())
-    ]
+    children = sorted(before.keys() | after.keys())
+    return [_difference(child, before.get(child), after.get(child)) for child in children]
+
+
+def _difference(
+    child: str, before: StampedTransform | None, after: StampedTransform | None
+) -> Difference:
+    if before is None:
+        return Difference(child, "added", before, after)
+    if after is None:
+        return Difference(child, "removed", before, after)
+    if before.parent_frame != after.parent_frame:
+        return Difference(child, "reparented", before, after)
+    offset_mm = (1000 * (after.transform.translation - before.transform.translation)).tolist()
+    x, y, z, w = (before.transform.inverse() @ after.transform).rotation.tolist()
+    angle_deg = math.degrees(2 * math.atan2(math.hypot(x, y, z), abs(w)))
+    is_same = math.hypot(*offset_mm) < _SAME_MM and angle_deg < _SAME_DEG
+    return Difference(child, "same" if is_same else "moved", before, after, offset_mm, angle_deg)
 
 
 def text(differences: Collection[Difference], dynamic: Collection[str] = ()) -> str:
@@ -110,20 +106,3 @@ def _line(difference: Difference, width: int, is_dynamic: bool) -> str:
         f"   x {x + 0.0:+.3f}  y {y + 0.0:+.3f}  z {z + 0.0:+.3f} mm in "
         f"{printable(after.parent_frame)}"
     )
-
-
-def _kind(before: StampedTransform | None, after: StampedTransform | None) -> Kind:
-    if before is None:
-        return "added"
-    if after is None:
-        return "removed"
-    if before.parent_frame != after.parent_frame:
-        return "reparented"
-    distance_mm = 1000 * math.dist(before.transform.translation, after.transform.translation)
-    is_same = distance_mm < _SAME_MM and _angle_deg(before, after) < _SAME_DEG
-    return "same" if is_same else "moved"
-
-
-def _angle_deg(before: StampedTransform, after: StampedTransform) -> float:
-    x, y, z, w = (before.transform.inverse() @ after.transform).rotation.tolist()
-    return math.degrees(2 * math.atan2(math.hypot(x, y, z), abs(w)))

@@ -117,14 +117,13 @@ class Folder:
             reference = versions[-1]
         path = self._file(reference)
         try:
-            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            return _parse(reference, tomllib.loads(path.read_text(encoding="utf-8")))
         except FileNotFoundError as error:
             versions = self.references(reference.name)
             known = ", ".join(map(str, versions)) or "none"
             raise CommandError(f"no {reference} in {self.path}; there is {known}") from error
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        except (OSError, ValueError) as error:  # ValueError: also not UTF-8, or not TOML
             raise CommandError(f"cannot read {path}: {error}") from error
-        return _Reader(path).calibration(reference, document)
 
     def save(self, name: str, links: Links, tree: str, note: str) -> Calibration:
         """Write the next version of a calibration. Another program that saves the same one at the
@@ -194,53 +193,42 @@ def _numbers(values: Sequence[float]) -> str:
     return "[" + ", ".join(repr(value + 0.0) for value in values) + "]"
 
 
-class _Reader:
-    """Checks the document of one file."""
+def _parse(reference: Reference, document: dict[str, Any]) -> Calibration:
+    """The calibration in a file. Raises ValueError, with a message, if it is malformed."""
+    found = _field(document, "format", int)
+    if found != _FORMAT:
+        raise ValueError(f"format is {found}, and this zenoh-tf knows {_FORMAT}")
+    links: dict[str, StampedTransform] = {}
+    for number, entry in enumerate(_field(document, "link", list), start=1):
+        where = f" of link {number}"
+        if not isinstance(entry, dict):
+            raise ValueError(f"link {number} is not a table")
+        child = _field(entry, "child", str, where)
+        if child in links:
+            raise ValueError(f"{child!r} is there twice")
+        parent = _field(entry, "parent", str, where)
+        translation = _vector(entry, "translation", 3, where)
+        rotation = _vector(entry, "rotation", 4, where)
+        if abs(math.hypot(*rotation) - 1) > _ROTATION_TOLERANCE:
+            raise ValueError(f"rotation{where} is not a unit quaternion")
+        try:
+            links[child] = StampedTransform(parent, child, 0, Transform(translation, rotation))
+        except (TransformException, ValueError) as error:
+            raise ValueError(f"link {number}, {child!r}: {error}") from error
+    saved, tree, note = (_field(document, name, str) for name in ("saved", "tree", "note"))
+    return Calibration(reference, saved, tree, note, links)
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
 
-    def calibration(self, reference: Reference, document: dict[str, Any]) -> Calibration:
-        found = self._field(document, "format", int, "")
-        if found != _FORMAT:
-            raise self._error(f"format is {found}, and this zenoh-tf knows {_FORMAT}")
-        links: dict[str, StampedTransform] = {}
-        for number, entry in enumerate(self._field(document, "link", list, ""), start=1):
-            where = f" of link {number}"
-            if not isinstance(entry, dict):
-                raise self._error(f"link {number} is not a table")
-            child = self._field(entry, "child", str, where)
-            parent = self._field(entry, "parent", str, where)
-            if child in links:
-                raise self._error(f"{child!r} is there twice")
-            translation = self._vector(entry, "translation", 3, where)
-            rotation = self._vector(entry, "rotation", 4, where)
-            if abs(math.hypot(*rotation) - 1) > _ROTATION_TOLERANCE:
-                raise self._error(f"rotation{where} is not a unit quaternion")
-            try:
-                links[child] = StampedTransform(parent, child, 0, Transform(translation, rotation))
-            except (TransformException, ValueError) as error:
-                raise self._error(f"link {number}, {child!r}: {error}") from error
-        return Calibration(
-            reference,
-            self._field(document, "saved", str, ""),
-            self._field(document, "tree", str, ""),
-            self._field(document, "note", str, ""),
-            links,
-        )
+def _field(table: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
+    value = table.get(name)
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise ValueError(f"{name}{where} is missing, or not of type {kind.__name__}")
+    return value
 
-    def _field(self, table: dict[str, Any], name: str, kind: type, where: str) -> Any:
-        value = table.get(name)
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise self._error(f"{name}{where} is missing, or not of type {kind.__name__}")
-        return value
 
-    def _vector(self, table: dict[str, Any], name: str, size: int, where: str) -> list[float]:
-        values = self._field(table, name, list, where)
-        numbers = [float(value) for value in values if type(value) in (int, float)]
-        if len(values) != size or len(numbers) != size or not all(map(math.isfinite, numbers)):
-            raise self._error(f"{name}{where} is not {size} finite numbers")
-        return numbers
-
-    def _error(self, reason: str) -> CommandError:
-        return CommandError(f"{self._path}: {reason}")
+def _vector(table: dict[str, Any], name: str, size: int, where: str) -> list[float]:
+    values = _field(table, name, list, where)
+    numbers = [float(value) for value in values if type(value) in (int, float)]
+    if len(values) != size or len(numbers) != size or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name}{where} is not {size} finite numbers")
+    return numbers
