@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import Final, NoReturn
 
 from zenoh_tf import StampedTransform, Transform
@@ -41,12 +42,11 @@ def add(commands: Commands) -> None:
     static.add_argument("words", metavar="ARG", nargs="*", help="one of the two forms in a row")
     for unit, names in _UNITS.items():
         for name in names:
-            is_angle = unit == "rad"
             static.add_argument(
                 f"--{name}",
                 metavar=unit.upper(),
-                type=angle(bare=True) if is_angle else number(),
-                help=f"{name} ({unit}{', or as in 90deg' if is_angle else ''})",
+                type=_type(name),
+                help=f"{name} ({unit}{', or as in 90deg' if unit == 'rad' else ''})",
             )
     static.add_argument("--frame-id", metavar="PARENT", help="the parent frame")
     static.add_argument("--child-frame-id", metavar="CHILD", help="the child frame")
@@ -54,32 +54,8 @@ def add(commands: Commands) -> None:
 
 
 def _static(args: argparse.Namespace) -> int:
-    parent, child, transform = _row(args) if args.words else _flags(args)
-    return store(args, StampedTransform(parent, child, 0, transform), static=True)
-
-
-def _row(args: argparse.Namespace) -> tuple[str, str, Transform]:
-    """The link of arguments in a row."""
-    for name in (*sum(_UNITS.values(), ()), "frame_id", "child_frame_id"):
-        if getattr(args, name) is not None:
-            flag = f"--{name.replace('_', '-')}"
-            _refuse(args, f"{flag} cannot be combined with arguments in a row")
-    if len(args.words) not in (8, 9):
-        _refuse(args, f"give 6 or 7 numbers and two frames, not {len(args.words)} arguments")
-    *words, parent, child = args.words
-    try:
-        types = [number()] * 3 + ([angle(bare=True)] * 3 if len(words) == 6 else [number()] * 4)
-        numbers = [parse(word.strip()) for parse, word in zip(types, words, strict=True)]
-    except argparse.ArgumentTypeError as error:
-        _refuse(args, str(error))
-    if len(numbers) == 7:
-        return parent, child, Transform(numbers[:3], numbers[3:])
-    yaw, pitch, roll = numbers[3:]
-    return parent, child, Transform.from_rpy(roll, pitch, yaw, translation=numbers[:3])
-
-
-def _flags(args: argparse.Namespace) -> tuple[str, str, Transform]:
-    """The link of flags."""
+    if args.words:
+        _read_row(args)
     if args.frame_id is None or args.child_frame_id is None:
         _refuse(args, "give --frame-id and --child-frame-id, or all arguments in a row")
     given = {unit: [getattr(args, name) for name in names] for unit, names in _UNITS.items()}
@@ -90,11 +66,34 @@ def _flags(args: argparse.Namespace) -> tuple[str, str, Transform]:
         _refuse(args, "give angles or a quaternion, not both")
     position, angles, quaternion = ([value or 0.0 for value in row] for row in given.values())
     if has_quaternion:
-        transform = Transform(position, quaternion)
+        pose = Transform(position, quaternion)
     else:
         roll, pitch, yaw = angles
-        transform = Transform.from_rpy(roll, pitch, yaw, translation=position)
-    return args.frame_id, args.child_frame_id, transform
+        pose = Transform.from_rpy(roll, pitch, yaw, translation=position)
+    stamped = StampedTransform(args.frame_id, args.child_frame_id, 0, pose)
+    return store(args, stamped, static=True)
+
+
+def _read_row(args: argparse.Namespace) -> None:
+    """Read the arguments in a row as if they were flags."""
+    for name in (*sum(_UNITS.values(), ()), "frame_id", "child_frame_id"):
+        if getattr(args, name) is not None:
+            flag = f"--{name.replace('_', '-')}"
+            _refuse(args, f"{flag} cannot be combined with arguments in a row")
+    if len(args.words) not in (8, 9):
+        _refuse(args, f"give 6 or 7 numbers and two frames, not {len(args.words)} arguments")
+    *words, args.frame_id, args.child_frame_id = args.words
+    rotation = reversed(_UNITS["rad"]) if len(words) == 6 else _UNITS["quaternion"]
+    try:
+        for name, word in zip((*_UNITS["m"], *rotation), words, strict=True):
+            setattr(args, name, _type(name)(word.strip()))
+    except argparse.ArgumentTypeError as error:
+        _refuse(args, str(error))
+
+
+def _type(name: str) -> Callable[[str], float]:
+    """What a flag reads."""
+    return angle(bare=True) if name in _UNITS["rad"] else number()
 
 
 def _refuse(args: argparse.Namespace, message: str) -> NoReturn:
