@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import TransformException
+from zenoh_tf_tools.viewer.placement import array_of
 
 #: Share of the estimates whose errors are within the bounds.
 LEVEL: Final = 0.9
@@ -101,18 +102,7 @@ def pose_error(poses: NDArray[np.float64], reference: NDArray[np.float64]) -> Po
         poses: (n, 7) rows as of `PairHistory`, such as estimates.
         reference: (n, 7) what they are compared with, such as the truth.
     """
-    offsets = poses[:, :3] - reference[:, :3]
-    x, y, z, w = (poses[:, 3:] * (-1, -1, -1, 1)).T
-    rx, ry, rz, rw = reference[:, 3:].T
-    # The product of the inverse and the reference; an arc cosine would lose small angles.
-    vector = np.stack(
-        [
-            w * rx + x * rw + y * rz - z * ry,
-            w * ry - x * rz + y * rw + z * rx,
-            w * rz + x * ry - y * rx + z * rw,
-        ],
-        axis=1,
-    )
-    scalar = w * rw - x * rx - y * ry - z * rz
-    angles = 2 * np.arctan2(np.linalg.norm(vector, axis=1), np.abs(scalar))
-    return PoseError(np.linalg.norm(offsets, axis=1), angles)
+    turns = (array_of(poses).inverse() @ array_of(reference)).rotations
+    # An arc cosine would lose small angles.
+    angles = 2 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
+    return PoseError(np.linalg.norm(poses[:, :3] - reference[:, :3], axis=1), angles)

@@ -6,6 +6,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from zenoh_tf import Transform
 from zenoh_tf_tools.viewer.camera import DEFAULT, FOV_RAD, Camera, fit
 
 
@@ -48,12 +49,6 @@ class Cameras:
 
 def _camera(handle: viser.CameraHandle) -> Camera:
     w, x, y, z = handle.wxyz
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = Transform(rotation=(x, y, z, w)).matrix()[:3, :3]
     width, height = max(1, handle.image_width), max(1, handle.image_height)
     return Camera(np.array(handle.position), np.array(handle.look_at), rotation, width, height)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import TransformArray
+from zenoh_tf import Transform, TransformArray
 from zenoh_tf_tools.viewer.source import Link, Lookups
 
 
@@ -31,8 +31,8 @@ class Placement:
 
     def seen_from(self, fixed: str) -> Placement:
         """Return the same picture with another fixed frame, which is one of the names."""
-        X_fixed_now = _array(self.poses[self.rows[fixed]][np.newaxis]).inverse()[0]
-        return replace(self, poses=(X_fixed_now @ _array(self.poses)).poses)
+        X_fixed_now = Transform.from_pose(self.poses[self.rows[fixed]]).inverse()
+        return replace(self, poses=X_fixed_now.apply_poses(self.poses))
 
 
 NOTHING = Placement([], np.empty((0, 7)), {}, {})
@@ -60,8 +60,7 @@ def place(lookups: Lookups, links: Mapping[str, Link], fixed: str) -> Placement:
     poses = np.array([*in_root.values()]).reshape(-1, 7)
     if fixed not in rows:
         return Placement([], np.empty((0, 7)), {}, elsewhere)
-    X_fixed_root = _array(poses[rows[fixed]][np.newaxis]).inverse()[0]
-    return Placement([*rows], (X_fixed_root @ _array(poses)).poses, rows, elsewhere)
+    return Placement([*rows], poses, rows, elsewhere).seen_from(fixed)
 
 
 def roots_by_size(links: Mapping[str, Link]) -> list[str]:
@@ -118,13 +117,14 @@ def _in_root(lookups: Lookups, levels: list[list[Link]]) -> dict[str, NDArray[np
     for level in levels[1:]:
         rows = [x for x in level if x.name in X_parent_child and x.parent in found]
         if rows:
-            parents = _array(np.array([found[str(link.parent)] for link in rows]))
-            links = _array(np.array([X_parent_child[link.name] for link in rows]))
+            parents = array_of(np.array([found[str(link.parent)] for link in rows]))
+            links = array_of(np.array([X_parent_child[link.name] for link in rows]))
             composed = (parents @ links).poses
             found.update((link.name, pose) for link, pose in zip(rows, composed, strict=True))
     return found
 
 
-def _array(poses: NDArray[np.float64]) -> TransformArray:
+def array_of(poses: NDArray[np.float64]) -> TransformArray:
+    """Return pose rows (n, 7) as transforms, all with the stamp 0."""
     n = len(poses)
     return TransformArray(np.zeros(n, np.uint8), np.zeros(n, np.int64), poses)
