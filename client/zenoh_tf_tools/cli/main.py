@@ -23,6 +23,7 @@ from zenoh_tf import (
     TooUncertain,
     TransformException,
 )
+from zenoh_tf.recordings import RecordingError
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import duration
 from zenoh_tf.text.times import age
@@ -95,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.json:
             return _fail_json(code, name, message, error.facts)
         return _fail(f"{name}: {message}", code)
-    except CommandError as error:
+    except (CommandError, RecordingError) as error:
         return _fail_json(1, "CommandError", str(error), {}) if args.json else _fail(str(error))
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +13,6 @@ from zenoh_tf.recordings import (
     MAX_MEMORY_BYTES,
     OPTIONS,
     Recording,
-    RecordingError,
     load,
     open_recording,
 )
@@ -64,16 +62,6 @@ def time_at(args: argparse.Namespace, parse: Callable[[str], T], option: str = "
         raise AssertionError from error  # argparse has ended the process
 
 
-@contextmanager
-def opened(args: argparse.Namespace) -> Iterator[Recording]:
-    """The recording that the arguments name. Its errors become CommandError."""
-    try:
-        with open_recording(args.file, args.topics) as recording:
-            yield recording
-    except RecordingError as error:
-        raise CommandError(str(error)) from error
-
-
 def loaded(
     args: argparse.Namespace,
     max_memory_bytes: int = MAX_MEMORY_BYTES,
@@ -86,7 +74,7 @@ def loaded(
     what was recorded later; None for nothing.
     """
     tree = TransformTree(**OPTIONS, max_memory_bytes=max_memory_bytes)
-    with opened(args) as recording:
+    with open_recording(args.file, args.topics) as recording:
         with Progress(recording.message_count, "messages") as progress:
             try:
                 load(recording, tree, progress.to, until_ns)

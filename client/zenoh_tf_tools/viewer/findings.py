@@ -7,9 +7,9 @@ import threading
 from collections.abc import Callable, Generator, Mapping
 from typing import Final
 
-from zenoh_tf import TransformException
+from zenoh_tf import TransformException, threads
 from zenoh_tf.doctor import Finding, TreeFacts, diagnose
-from zenoh_tf_tools.errors import CommandError
+from zenoh_tf.recordings import RecordingError
 
 #: The pause after an observation, in seconds, so that the server has time for others.
 _PAUSE_S: Final = 5.0
@@ -38,8 +38,7 @@ class Findings:
         self._wanted = wanted
         self._closed = threading.Event()
         self._found: list[Finding] | None = None
-        self._thread = threading.Thread(target=self._run, name="zenoh-tf view: doctor", daemon=True)
-        self._thread.start()
+        self._thread = threads.start("zenoh-tf view: doctor", self._run)
 
     @property
     def found(self) -> list[Finding] | None:
@@ -68,7 +67,7 @@ class Findings:
                 try:
                     if self._look():
                         return
-                except (TransformException, CommandError):
+                except (TransformException, RecordingError):
                     # The server is away, which the viewer says; the faults are as they were.
                     pass
             self._closed.wait(_PAUSE_S if self._found is not None else _IDLE_S)

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import Estimate, LimitExceeded, TransformTree
-from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording, RecordingError
+from zenoh_tf import Estimate, TransformTree
+from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording
 from zenoh_tf.recordings.load import valid_commits
-from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.viewer.source import Link, Lookups
 
 #: The rate of a link is that of its samples in this long before the time.
@@ -24,14 +23,12 @@ class RecordedSource:
         """Read a recording.
 
         Raises:
-            CommandError: It is damaged, has no transforms, or too many.
+            RecordingError: It is damaged, or has no transforms.
+            LimitExceeded: It has too many.
         """
         self._tree = TransformTree(**OPTIONS, max_memory_bytes=MAX_MEMORY_BYTES)
-        try:
-            #: The stamps of each dynamic link, sorted; its history has only the first and last.
-            self._stamps_ns = _read(recording, self._tree)
-        except (RecordingError, LimitExceeded) as error:
-            raise CommandError(str(error)) from error
+        #: The stamps of each dynamic link, sorted; its history has only the first and last.
+        self._stamps_ns = _read(recording, self._tree)
         self._names = self._tree.frames()
         self.range_ns = recording.range_ns or (0, 0)
 

@@ -12,7 +12,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from zenoh_tf.recordings import RecordingError
 from zenoh_tf.recordings.repair import repair
 from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf.text.flag_values import duration
@@ -101,8 +100,6 @@ def _writer(args: argparse.Namespace, tf: TransformClient) -> RecordingWriter:
     metadata = {"tree": args.tree, "server": tf.instance}
     try:
         return RecordingWriter(args.file, args.format, metadata)
-    except RecordingError as error:
-        raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{args.file}: cannot be written: {error.strerror}") from error
 
@@ -135,8 +132,6 @@ def _repair(args: argparse.Namespace) -> int:
     try:
         with Progress(args.repair.stat().st_size, "bytes") as progress:
             found = repair(args.repair, args.file, progress.to)
-    except RecordingError as error:
-        raise CommandError(str(error)) from error
     except OSError as error:
         raise CommandError(f"{error.filename or args.file}: {error.strerror}") from error
     size = args.file.stat().st_size

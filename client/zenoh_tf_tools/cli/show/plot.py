@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration
 from zenoh_tf.text.times import age as age_text
@@ -131,7 +132,7 @@ def _histories(args: argparse.Namespace) -> list[PairHistory]:
         range_ns = recorded.chosen_range(args, source.range_ns, source.range_ns, inside=True)
         histories = replayed(source, pairs, range_ns, velocity=args.velocity)
         if args.estimate:
-            with recorded.opened(args) as recording:
+            with open_recording(args.file, args.topics) as recording:
                 histories = foretold(recording, source.lookups, histories)
         return histories
     with connect(args) as tf, tf.mirror() as mirror:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zenoh_tf.doctor import RecordedFacts, TreeFacts
+from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
 from zenoh_tf_tools.cli import output
@@ -149,7 +150,7 @@ def _recorded_facts(
     args: argparse.Namespace, stopped: Callable[[], bool]
 ) -> Generator[TreeFacts, None, None]:
     facts = RecordedFacts()
-    with recordings.opened(args) as recording:
+    with open_recording(args.file, args.topics) as recording:
         for message in recording.messages():
             if stopped():
                 break
@@ -189,7 +190,7 @@ def _at_ns(args: argparse.Namespace, source: ViewedTree) -> int:
 
 def recorded(args: argparse.Namespace) -> RecordedSource:
     """The recording that `args.file` names."""
-    with recordings.opened(args) as recording:
+    with open_recording(args.file, args.topics) as recording:
         source = RecordedSource(recording)
         recordings.warn(recording)
     return source

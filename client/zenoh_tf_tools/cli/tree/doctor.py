@@ -6,6 +6,7 @@ import argparse
 import textwrap
 
 from zenoh_tf.doctor import CATALOGUE, Finding, RecordedFacts, TreeFacts, diagnose
+from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import duration
 from zenoh_tf_tools.cli import output, recorded
@@ -67,7 +68,7 @@ def _doctor(args: argparse.Namespace) -> int:
 
 def _recorded(args: argparse.Namespace) -> TreeFacts:
     facts = RecordedFacts()
-    with recorded.opened(args) as recording:
+    with open_recording(args.file, args.topics) as recording:
         with Progress(recording.message_count, "messages") as progress:
             for number, message in enumerate(recording.messages(), start=1):
                 facts.add(message.log_ns, message.topic, message.static, message.rows)
