@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from zenoh_tf.text.flag_values import LIVE_TIMES, duration, live_time, whole
+from zenoh_tf.text.flag_values import LIVE_TIMES, MAX_DURATION_S, duration, live_time, whole
 
 
 class Commands:
@@ -64,15 +64,30 @@ def add_authority(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
+def add_duration(
+    parser: argparse._ActionsContainer,
+    option: str,
+    help_: str,
+    default_s: float | None = None,
+    *,
+    low_s: float = 0.0,
+    high_s: float = MAX_DURATION_S,
+    above: bool = False,
+) -> None:
+    """Add a length of time, in seconds as `option`_s: at least `low_s`, or `above` it."""
+    parser.add_argument(
+        option,
+        dest=f"{option.lstrip('-').replace('-', '_')}_s",
+        metavar="DURATION",
+        type=duration(low_s, high_s, above=above),
+        default=default_s,
+        help=help_,
+    )
+
+
 def add_periods(parser: argparse.ArgumentParser, default_s: int) -> None:
     """Add the length and the number of the periods in which a tree is watched."""
-    parser.add_argument(
-        "--every",
-        metavar="DURATION",
-        type=duration(above=True),
-        default=float(default_s),
-        help=f"the period (default {default_s}s)",
-    )
+    add_duration(parser, "--every", f"the period (default {default_s}s)", default_s, above=True)
     parser.add_argument("--count", metavar="N", type=whole(1), help="end after so many periods")
 
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from zenoh_tf import StampedTransform, TransformArray, TransformTree, export
 from zenoh_tf.recordings import MAX_MEMORY_BYTES
 from zenoh_tf.text import quoted
-from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, recorded_time, size
+from zenoh_tf.text.flag_values import RECORDED_TIMES, recorded_time, size
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands
+from zenoh_tf_tools.cli.arguments import Commands, add_duration
 from zenoh_tf_tools.cli.connection import suggest_names
 from zenoh_tf_tools.errors import CommandError, keep_input
 
@@ -50,12 +50,7 @@ def add(commands: Commands) -> None:
     query.add_argument("source", metavar="SOURCE", nargs="?", help="the frame whose pose is asked")
     when = query.add_mutually_exclusive_group()
     when.add_argument("--at", metavar="TIME", type=recorded_time, help=RECORDED_TIMES)
-    when.add_argument(
-        "--every",
-        metavar="DURATION",
-        type=duration(1e-9),
-        help="at all times this far apart, such as 20ms",
-    )
+    add_duration(when, "--every", "at all times this far apart, such as 20ms", low_s=1e-9)
     recorded.add_range(
         query,
         "{0} time of --every, written as for --at (default: the {0} that all links can serve)",
@@ -80,7 +75,7 @@ def add(commands: Commands) -> None:
 def _query(args: argparse.Namespace) -> int:
     if args.target is not None and args.source is None:
         args.usage_error("give both TARGET and SOURCE, or neither")
-    if (args.start or args.end) and args.every is None:
+    if (args.start or args.end) and args.every_s is None:
         args.usage_error("--start and --end belong to --every")
     keep_input(args.file, args.npz)
     advice = "; allow more by --max-memory, or read less by --topic"
@@ -124,7 +119,7 @@ def _times(
 ) -> NDArray[np.int64]:
     """The times to ask for; `range_ns`: the recording's first and last stamp; `served`: those that
     all links can serve, None if they are static."""
-    if args.every is None:
+    if args.every_s is None:
         latest_ns = served[1] if served else 0
         return np.array([recorded.stamp_ns("--at", args.at, range_ns, latest_ns)], np.int64)
     if served is None:
@@ -133,7 +128,7 @@ def _times(
             "pose is the same at all times; ask for it without --every"
         )
     start, end = recorded.chosen_range(args, range_ns, served)
-    step_ns = round(args.every * 1e9)
+    step_ns = round(args.every_s * 1e9)
     count = (end - start) // step_ns + 1
     if count > _MAX_ROWS:
         raise CommandError(
@@ -163,8 +158,8 @@ def _print(args: argparse.Namespace, array: TransformArray, *, static: bool) -> 
             print(*row, sep=",")
     elif args.json:
         answers = [output.answer_document(answer) for answer in _answers(args, array)]
-        output.print_json(answers if args.every else answers[0])
-    elif args.every:
+        output.print_json(answers if args.every_s else answers[0])
+    elif args.every_s:
         print("".join(f"{name:>12}" for name in ("time [s]", "", *_COLUMNS[1:])).strip())
         for stamp_ns, *pose in _rows(array):
             print(f"{seconds(stamp_ns):>20}", *(f"{number:11.6f}" for number in pose))

@@ -14,11 +14,10 @@ from typing import Final
 
 from zenoh_tf.recordings.repair import repair
 from zenoh_tf.recordings.writer import RecordingWriter
-from zenoh_tf.text.flag_values import duration
 from zenoh_tf.text.times import seconds
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands
+from zenoh_tf_tools.cli.arguments import Commands, add_duration
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.errors import CommandError
@@ -56,18 +55,12 @@ def add(commands: Commands) -> None:
         help="messages of the type tf2_msgs/msg/TFMessage, as ros2 bag records them (default "
         "ros2), or foxglove.FrameTransforms, which also hold stamps beyond 2038",
     )
-    record.add_argument(
-        "--for",
-        dest="record_s",
-        metavar="DURATION",
-        type=duration(above=True),
-        help="end after this long (default: at Ctrl-C)",
-    )
+    add_duration(record, "--for", "end after this long (default: at Ctrl-C)", above=True)
 
 
 def _record(args: argparse.Namespace) -> int:
     if args.repair is not None:
-        if args.format is not None or args.record_s is not None:
+        if args.format is not None or args.for_s is not None:
             args.usage_error("--repair cannot be combined with --format or --for")
         return _repair(args)
     args.format = args.format or "ros2"
@@ -107,7 +100,7 @@ def _writer(args: argparse.Namespace, tf: TransformClient) -> RecordingWriter:
 def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -> None:
     """Wait for the end, and report what happens meanwhile."""
     begin_s = time.monotonic()
-    end_s = begin_s + (math.inf if args.record_s is None else args.record_s)
+    end_s = begin_s + (math.inf if args.for_s is None else args.for_s)
     is_silent, servers = False, recorder.counters.servers
     if not args.json:
         print(f"recording to {args.file} until Ctrl-C", file=sys.stderr)

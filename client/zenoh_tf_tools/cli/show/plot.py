@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import RECORDED_TIMES, duration
+from zenoh_tf.text.flag_values import RECORDED_TIMES
 from zenoh_tf.text.times import age as age_text
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show import view
 from zenoh_tf_tools.errors import CommandError, extra, keep_input
@@ -78,13 +78,8 @@ def add(commands: Commands) -> None:
         "bounds, and how wrong it was (zenoh-tf estimate)",
     )
     recorded.add_range(plot, f"{{0}} time of FILE that is drawn: {RECORDED_TIMES}")
-    plot.add_argument(
-        "--for",
-        dest="follow_s",
-        metavar="DURATION",
-        type=duration(0.0, 3600.0),
-        help="how long to follow a server (default 10s, at most 1h)",
-    )
+    help_ = "how long to follow a server (default 10s, at most 1h)"
+    add_duration(plot, "--for", help_, high_s=3600.0)
     plot.add_argument(
         "--out",
         metavar="OUT",
@@ -121,7 +116,7 @@ def _check_usage(args: argparse.Namespace) -> None:
         args.usage_error("--error compares two pairs: give the other one by --pair")
     if args.file is None and (args.start or args.end):
         args.usage_error("--start and --end choose times of a recording: give its FILE")
-    if args.file is not None and args.follow_s is not None:
+    if args.file is not None and args.for_s is not None:
         args.usage_error("--for follows a server; of FILE choose times by --start and --end")
 
 
@@ -136,7 +131,7 @@ def _histories(args: argparse.Namespace) -> list[PairHistory]:
                 histories = foretold(recording, source.lookups, histories)
         return histories
     with connect(args) as tf, tf.mirror() as mirror:
-        follow_s = _FOLLOW_S if args.follow_s is None else args.follow_s
+        follow_s = _FOLLOW_S if args.for_s is None else args.for_s
         return follow(mirror, pairs, follow_s, velocity=args.velocity, estimate=args.estimate)
 
 

@@ -70,12 +70,12 @@ def periods(
     watched, is_lost = 0, False
     while watched != args.count:
         try:
-            period = watch(tf, args.every, args.pairs)
+            period = watch(tf, args.every_s, args.pairs)
         except ServerUnavailable as error:
             if not is_lost:
                 on_lost(error)
             is_lost = True
-            time.sleep(args.every)
+            time.sleep(args.every_s)
             continue
         is_lost = False
         yield period

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from zenoh_tf.doctor import RecordedFacts, TreeFacts
 from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import RECORDED_TIMES, duration, number, recorded_time, whole
+from zenoh_tf.text.flag_values import RECORDED_TIMES, number, recorded_time, whole
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
-from zenoh_tf_tools.cli.arguments import Commands, add_listen, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import watch
 from zenoh_tf_tools.errors import CommandError, extra
@@ -59,19 +59,9 @@ def add(commands: Commands) -> None:
         metavar="FRAME",
         help="the frame that stands still (default: the root of most frames)",
     )
-    view.add_argument(
-        "--stale",
-        metavar="DURATION",
-        type=duration(),
-        default=1.0,
-        help="mark links without a sample for this long (default 1s)",
-    )
-    view.add_argument(
-        "--trail",
-        metavar="DURATION",
-        type=duration(),
-        help="how long trails go back (default 10s; of a recording: to its begin)",
-    )
+    add_duration(view, "--stale", "mark links without a sample for this long (default 1s)", 1.0)
+    help_ = "how long trails go back (default 10s; of a recording: to its begin)"
+    add_duration(view, "--trail", help_)
     view.add_argument(
         "--axes",
         metavar="M",
@@ -111,14 +101,14 @@ def _view(args: argparse.Namespace) -> int:
             close_server,
             open_server,
         )
-    trail_s = args.trail
+    trail_s = args.trail_s
     if trail_s is None:
         trail_s = 10.0 if args.file is None else math.inf
     with contextlib.ExitStack() as stack:
         models = _models(args.urdf)
         source, observation = _source(args, stack)
         options = Options(
-            stale_s=args.stale,
+            stale_s=args.stale_s,
             max_frames=args.max_frames,
             at_ns=_at_ns(args, source),
             fixed=args.fixed,

@@ -8,9 +8,8 @@ import textwrap
 from zenoh_tf.doctor import CATALOGUE, Finding, RecordedFacts, TreeFacts, diagnose
 from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import duration
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import observe
 from zenoh_tf_tools.cli.progress import Progress
@@ -30,14 +29,8 @@ def add(commands: Commands) -> None:
         "zenoh-tf doctor drive.mcap",
     )
     add_optional_file(doctor)
-    doctor.add_argument(
-        "--for",
-        dest="observe_s",
-        metavar="DURATION",
-        type=duration(),
-        default=2.0,
-        help="how long to watch (default 2s); 0: judge only what the server has",
-    )
+    help_ = "how long to watch (default 2s); 0: judge only what the server has"
+    add_duration(doctor, "--for", help_, 2.0)
     doctor.add_argument(
         "--ignore",
         metavar="ID",
@@ -53,7 +46,7 @@ def _doctor(args: argparse.Namespace) -> int:
         facts = _recorded(args)
     else:
         with connect(args) as tf:
-            facts = observe(tf, args.observe_s, args.timeout)
+            facts = observe(tf, args.for_s, args.timeout)
     findings = diagnose(facts, args.ignore)
     document = {
         "tree": args.tree if args.file is None else None,

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
-from zenoh_tf.text.flag_values import duration, number, whole
+from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames
+from zenoh_tf_tools.cli.arguments import Commands, add_at, add_duration, add_frames
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.quit_key import ends_on_q
 from zenoh_tf_tools.cli.tree import estimate
@@ -66,14 +66,7 @@ def add(commands: Commands) -> None:
     )
     add_frames(wait)
     add_at(wait)
-    wait.add_argument(
-        "--for",
-        dest="wait_s",
-        metavar="DURATION",
-        type=duration(),
-        default=10.0,
-        help="how long to wait at most (default 10s)",
-    )
+    add_duration(wait, "--for", "how long to wait at most (default 10s)", 10.0)
 
 
 def _echo(args: argparse.Namespace) -> int:
@@ -134,7 +127,7 @@ def _echo_changes(args: argparse.Namespace) -> int:
 
 
 def _wait(args: argparse.Namespace) -> int:
-    deadline_s = time.monotonic() + args.wait_s
+    deadline_s = time.monotonic() + args.for_s
     while True:
         left_s = deadline_s - time.monotonic()
         args.timeout = min(args.timeout, max(left_s, _RETRY_S))

@@ -5,10 +5,16 @@ from __future__ import annotations
 import argparse
 
 from zenoh_tf import TransformTree, Velocity
-from zenoh_tf.text.flag_values import duration, live_time, recorded_time
+from zenoh_tf.text.flag_values import live_time, recorded_time
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_at, add_frames, add_optional_file
+from zenoh_tf_tools.cli.arguments import (
+    Commands,
+    add_at,
+    add_duration,
+    add_frames,
+    add_optional_file,
+)
 from zenoh_tf_tools.cli.connection import connect
 
 
@@ -56,13 +62,7 @@ def add(commands: Commands) -> None:
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
     recorded.add_at(velocity)
-    velocity.add_argument(
-        "--interval",
-        metavar="DURATION",
-        type=duration(),
-        default=0.1,
-        help="how long to average over (default 100ms)",
-    )
+    add_duration(velocity, "--interval", "how long to average over (default 100ms)", 0.1)
     velocity.add_argument(
         "--reference",
         metavar="FRAME",
@@ -101,7 +101,7 @@ def _show_velocity(
     args: argparse.Namespace, tree: TransformTree | TransformClient, stamp_ns: int | None
 ) -> None:
     velocity: Velocity = tree.lookup_velocity(
-        args.tracking, args.observation, stamp_ns, args.interval, reference_frame=args.reference
+        args.tracking, args.observation, stamp_ns, args.interval_s, reference_frame=args.reference
     )
     static = not args.json and output.is_static(
         tree, velocity.stamp_ns, args.tracking, args.observation
