@@ -6,6 +6,8 @@ import os
 import platform
 import shlex
 import subprocess
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -54,6 +56,25 @@ def cpu_s(pid: int) -> float:
     """The processor time that a process has used."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) * TICK_S
+
+
+class Usage:
+    """Within its context: the seconds that pass, the processor time of processes, and by how much
+    counts change, such as a server's."""
+
+    def __init__(self, *pids: int, counts: Callable[[], Mapping[str, float]] = dict) -> None:
+        self._pids, self._counts = pids, counts
+
+    def __enter__(self) -> Usage:
+        self._before, self._begun_s = self._counts(), time.monotonic()
+        self._spent_s = [cpu_s(pid) for pid in self._pids]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        spent_s = zip(self._pids, self._spent_s, strict=True)
+        self.cpu_s = [cpu_s(pid) - before_s for pid, before_s in spent_s]
+        self.took_s = time.monotonic() - self._begun_s
+        self.counted = {name: n - self._before[name] for name, n in self._counts().items()}
 
 
 def resident_mb(pid: int | str = "self") -> float:

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 from bench.machine import ROOT
@@ -22,9 +23,10 @@ class Process(subprocess.Popen[str]):
             self.read_line()
 
     @classmethod
-    def of(cls, module: str, *arguments: object) -> Process:
-        """A Python module as a process."""
-        return cls(sys.executable, "-m", module, *map(str, arguments))
+    def of(cls, function: Callable[..., object], *arguments: object) -> Process:
+        """A call of a module's function as a process; JSON can hold the arguments."""
+        where = (function.__module__, function.__name__)
+        return cls(sys.executable, "-m", __name__, *where, *map(json.dumps, arguments))
 
     def read_line(self) -> str:
         """The next line that it prints; ends the benchmark if it has ended."""
@@ -50,3 +52,8 @@ def serve(answer: Callable[[str], object]) -> None:
     print("ready", flush=True)
     for line in sys.stdin:
         print(json.dumps(answer(line)), flush=True)
+
+
+if __name__ == "__main__":
+    module, name, *texts = sys.argv[1:]
+    getattr(import_module(module), name)(*map(json.loads, texts))

@@ -26,6 +26,10 @@ class Cell:
         """A value for each trial; NaN if that trial did not measure it."""
         return [trial.get(metric, math.nan) for trial in self.trials]
 
+    def over(self, other: Cell, metric: str, theirs: str = "") -> list[float]:
+        """Its ratios to another system, trial by trial."""
+        return ratios(self.values(metric), other.values(theirs or metric))
+
 
 def ratios(ours: Iterable[float], theirs: Iterable[float]) -> list[float]:
     """Trial by trial, because neighbours in time ran under equal conditions."""

@@ -17,14 +17,18 @@ LOOKUP = keys.request("main", "lookup")
 
 
 class Server(Process):
-    """A server with the defaults, or another Python module whose last argument is its endpoint."""
+    """A server with these flags and an endpoint of its own."""
 
-    def __init__(self, *module: str) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-        module = module or ("zenoh_tf_server", "--log-level", "error", "--listen")
-        super().__init__(sys.executable, "-m", *module, self.endpoint)
+    def __init__(self, *flags: str) -> None:
+        self.endpoint = free_endpoint()
+        flags = ("--log-level", "error", *flags, "--listen", self.endpoint)
+        super().__init__(sys.executable, "-m", "zenoh_tf_server", *flags)
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def query_client(endpoint: str) -> TransformClient:

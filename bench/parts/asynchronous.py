@@ -16,7 +16,7 @@ import uvloop
 
 from bench.machine import resident_mb
 from bench.parts.chain import SOURCE, TARGET
-from bench.report import Report, Trial, ratios
+from bench.report import Report, Trial
 from bench.server import Server, fill, query_client
 from zenoh_tf_client import AsyncTransformClient, TransformClient
 
@@ -46,9 +46,8 @@ def measure(report: Report) -> None:
             runs = {name: functools.partial(run, trial) for name, run in loops.items()}
             runs = {"synchronous": functools.partial(_synchronous, tf, calls)} | runs
             cells = report.compare({"case": case}, runs, repetitions)
-            us = {name: cell.values("us_per_call") for name, cell in cells.items()}
             for name in LOOPS:
-                values = ratios(us[name], us["synchronous"])
+                values = cells[name].over(cells["synchronous"], "us_per_call")
                 report.target(f"{case}, {name} to synchronous", values, "<=", limit)
         for name in LOOPS:
             with _client(name, server.endpoint) as run:

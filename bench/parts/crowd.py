@@ -1,13 +1,9 @@
 """What the puts of many robots cost a server, and how old its data is, beside a bare subscriber in
 Python that only receives them; and beside a program that keeps a core busy. Then a site that
-follows the trees of as many robots.
-
-``python -m bench.parts.crowd ENDPOINT`` is the subscriber: it answers with the messages received.
-"""
+follows the trees of as many robots."""
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import random
 import sys
@@ -16,12 +12,11 @@ import time
 import numpy as np
 import zenoh
 
-from bench.machine import cpu_s
-from bench.parts import robot_servers
-from bench.parts.robots import FRAMES, RATE_HZ, robots
+from bench.machine import Usage
+from bench.parts.robots import FRAMES, RATE_HZ, SERVED, robot_servers, robots
 from bench.process import Process, serve
-from bench.report import Cell, Report, Trial, ratios
-from bench.server import Server, shared_client
+from bench.report import Cell, Report, Trial
+from bench.server import Server, free_endpoint, shared_client
 from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
 
@@ -42,8 +37,8 @@ def measure(report: Report) -> None:
             "bare subscriber": functools.partial(_subscriber, report, count, rate_hz),
         }
         cells = report.compare(case, runs, 3)
-        us = (cells[system].values("us_per_put") for system in runs)
-        report.target(f"{case['case']}, processor time to a bare one's", ratios(*us), "<=", 1.8)
+        values = cells["zenoh-tf"].over(cells["bare subscriber"], "us_per_put")
+        report.target(f"{case['case']}, processor time to a bare one's", values, "<=", 1.8)
         if count == 1000:
             _check_site(report, case["case"], cells["zenoh-tf"])
     count, rate_hz = FEDERATED if not report.quick else (20, 10)
@@ -78,16 +73,13 @@ def _server(report: Report, count: int, rate_hz: float) -> Trial:
 
 def _site(report: Report, count: int, rate_hz: float) -> Trial:
     """Of robots whose servers share a few sessions, as their connections are not measured here."""
-    pairs = ":".join(("map", *robot_servers.FRAMES))
-    link = f"robots/*,frames={pairs},rate={rate_hz:g}"
-    module = ("zenoh_tf_server", "--log-level", "error", "--tree", "site", "--mirror-shared", "map")
+    link = f"robots/*,frames={':'.join(('map', *SERVED))},rate={rate_hz:g}"
     with (
-        Server(*module, "--mirror-of", link, "--listen") as site,
-        robot_servers.robot_servers(site.endpoint, count, rate_hz, 10),
+        Server("--tree", "site", "--mirror-shared", "map", "--mirror-of", link) as site,
+        robot_servers(site.endpoint, count, rate_hz, 10),
         TransformClient.connect(site.endpoint, "site") as tf,
     ):
-        per_s = count * rate_hz * len(robot_servers.FRAMES)
-        return _serve(report, site, tf, count, per_s, "r{}/camera")
+        return _serve(report, site, tf, count, count * rate_hz * len(SERVED), "r{}/camera")
 
 
 def _serve(
@@ -98,21 +90,22 @@ def _serve(
     for number in range(count):
         tf.lookup_transform("map", frame.format(number), timeout_s=60.0)
     time.sleep(report.seconds(5.0))
-    before, begun_s, spent_s = tf.stats(), time.monotonic(), cpu_s(server.pid)
-    ages_ms = _ages_ms(tf, count, frame, report.seconds(10.0))
-    spent_s = cpu_s(server.pid) - spent_s
-    now, took_s = tf.stats(), time.monotonic() - begun_s
-    puts = max(1, now["puts"] - before["puts"])
+    with Usage(server.pid, counts=tf.stats) as usage:
+        ages_ms = _ages_ms(tf, count, frame, report.seconds(10.0))
     p50, p99 = map(float, np.percentile(ages_ms, (50, 99)))
-    return {
-        "us_per_put": 1e6 * spent_s / puts,
-        "cores": spent_s / took_s,
-        "stored": (now["put_transforms"] - before["put_transforms"]) / (per_s * took_s),
+    return _costs(usage) | {
+        "stored": usage.counted["put_transforms"] / (per_s * usage.took_s),
         "age_p50_ms": p50,
         "age_p99_ms": p99,
-        "dropped_as_stale": now["dropped_as_stale"] - before["dropped_as_stale"],
-        "dropped_by_queue": now["dropped_by_queue"] - before["dropped_by_queue"],
+        "dropped_as_stale": usage.counted["dropped_as_stale"],
+        "dropped_by_queue": usage.counted["dropped_by_queue"],
     }
+
+
+def _costs(usage: Usage) -> Trial:
+    spent_s = usage.cpu_s[0]
+    us_per_put = 1e6 * spent_s / max(1, usage.counted["puts"])
+    return {"us_per_put": us_per_put, "cores": spent_s / usage.took_s}
 
 
 def _ages_ms(tf: TransformClient, count: int, frame: str, for_s: float) -> list[float]:
@@ -128,27 +121,22 @@ def _ages_ms(tf: TransformClient, count: int, frame: str, for_s: float) -> list[
 
 
 def _subscriber(report: Report, count: int, rate_hz: float) -> Trial:
-    with Server("bench.parts.crowd") as bare, contextlib.ExitStack() as stack:
-        stack.enter_context(robots(bare.endpoint, count, 1, rate_hz, count))
+    endpoint = free_endpoint()
+    with Process.of(subscribe, endpoint) as bare, robots(endpoint, count, 1, rate_hz, count):
         time.sleep(report.seconds(5.0))
-        before, begun_s, spent_s = bare.ask(), time.monotonic(), cpu_s(bare.pid)
-        time.sleep(report.seconds(10.0))
-        spent_s = cpu_s(bare.pid) - spent_s
-        took_s, puts = time.monotonic() - begun_s, bare.ask() - before
-    return {"us_per_put": 1e6 * spent_s / max(1, puts), "cores": spent_s / took_s}
+        with Usage(bare.pid, counts=bare.ask) as usage:
+            time.sleep(report.seconds(10.0))
+    return _costs(usage)
 
 
-def main() -> None:
+def subscribe(endpoint: str) -> None:
+    """The bare subscriber: answers with the messages received."""
     received = 0
 
     def on_put(sample: zenoh.Sample) -> None:
         nonlocal received
         received += len(sample.payload.to_bytes()) > 0
 
-    with zenoh.open(zenoh_config.router([sys.argv[1]])) as session:
+    with zenoh.open(zenoh_config.router([endpoint])) as session:
         session.declare_subscriber("**", on_put)
-        serve(lambda _: received)
-
-
-if __name__ == "__main__":
-    main()
+        serve(lambda _: {"puts": received})

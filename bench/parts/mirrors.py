@@ -1,15 +1,10 @@
 """What mirrors cost, and how late they are, beside robots that publish: all of a tree, three of its
-frames, and a thinned stream.
-
-``python -m bench.parts.mirrors ENDPOINT SYSTEM`` is one: it samples its age, and the age of a pose
-that it reads, and answers with their medians and tails.
-"""
+frames, and a thinned stream."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -17,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.machine import cpu_s
+from bench.machine import Usage
 from bench.parts.robots import robots
 from bench.process import Process, serve
 from bench.report import Cell, Report, Trial
@@ -70,20 +65,18 @@ def _trial(report: Report, server: Server, tf: TransformClient, system: str) -> 
     with contextlib.ExitStack() as stack:
         mirror = None
         if system != "none":
-            mirror = stack.enter_context(Process.of(__name__, server.endpoint, system))
+            mirror = stack.enter_context(Process.of(run_mirror, server.endpoint, system))
         time.sleep(report.seconds(1.0))  # until the mirror has its first copy
-        before, begun_s = tf.stats(), time.perf_counter()
-        server_s, mirror_s = cpu_s(server.pid), cpu_s(mirror.pid) if mirror else 0.0
-        time.sleep(report.seconds(3.0))
-        server_s = cpu_s(server.pid) - server_s
-        mirror_s = cpu_s(mirror.pid) - mirror_s if mirror else 0.0
-        took_s, now = time.perf_counter() - begun_s, tf.stats()
+        pids = [process.pid for process in (server, mirror) if process]
+        with Usage(*pids, counts=tf.stats) as usage:
+            time.sleep(report.seconds(3.0))
         seen: Trial = mirror.ask() if mirror else {}
-    change = {name: (now[name] - before[name]) / took_s for name in now}
+    change = {name: count / usage.took_s for name, count in usage.counted.items()}
+    server_share, client_share = [s / usage.took_s for s in (*usage.cpu_s, 0.0)[:2]]
     sent_bytes = change["stream_message_bytes"] + change["interest_message_bytes"]
-    transforms, client_share = max(1.0, change["put_transforms"]), mirror_s / took_s
+    transforms = max(1.0, change["put_transforms"])
     return {
-        "server_share": server_s / took_s,
+        "server_share": server_share,
         "client_share": client_share,
         "mb_per_s": sent_bytes / 1e6,
         "messages_per_s": change["stream_messages"] + change["interest_messages"],
@@ -91,12 +84,12 @@ def _trial(report: Report, server: Server, tf: TransformClient, system: str) -> 
         "bytes_per_transform": sent_bytes / transforms,
         "client_us_per_transform": 1e6 * client_share / transforms,
         "dropped_puts_per_s": change["dropped_by_queue"],
-        "stream_gaps": now["stream_gaps"] - before["stream_gaps"],
+        "stream_gaps": usage.counted["stream_gaps"],
     } | seen
 
 
-def main() -> None:
-    endpoint, system = sys.argv[1:]
+def run_mirror(endpoint: str, system: str) -> None:
+    """Samples its age and that of a pose that it reads; answers with their medians and tails."""
     with query_client(endpoint) as tf, tf.mirror(**MIRRORS[system]) as mirror:
         ages_ms: dict[str, list[float]] = {"age": [], "pose_age": []}
 
@@ -117,7 +110,3 @@ def main() -> None:
         mirror.lookup_latest_transform(TARGET, SOURCE)
         threading.Thread(target=sample, daemon=True).start()
         serve(answer)
-
-
-if __name__ == "__main__":
-    main()

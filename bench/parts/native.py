@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.machine import ROOT
 from bench.process import Process
-from bench.report import Cell, Report, equal_poses, ratios
+from bench.report import Cell, Report, equal_poses
 
 #: Deeper than a tree allows without an option.
 QUICK_LINKS = 10_000
@@ -109,10 +109,10 @@ def lookups(report: Report) -> None:
                     seconds=report.seconds(0.05),
                 )
                 report.measure(cells, 15)
-                rates = {each.labels["system"]: each.values("operations_per_s") for each in cells}
-                if "tf2" in rates and threads <= len(limits):
+                found = {each.labels["system"]: each for each in cells}
+                if "tf2" in found and threads <= len(limits):
                     title = f"{name}, {threads} threads: to tf2's"
-                    values = ratios(rates["optimistic"], rates["tf2"])
+                    values = found["optimistic"].over(found["tf2"], "operations_per_s")
                     report.target(title, values, ">=", limits[threads - 1])
 
 
@@ -201,8 +201,7 @@ def check_paper(report: Report, cells: Sequence[Cell], cores: int) -> None:
                 where = (
                     f"{links:,} links, {direction}, {readers} readers, {writers} writers, {read}"
                 )
-                values = ratios(cell.values(metrics[0]), base.values(metrics[-1]))
-                report.target(f"{where}: {name}", values, sign, limit)
+                report.target(f"{where}: {name}", cell.over(base, *metrics), sign, limit)
 
 
 def _goals(links: int, readers: int, writers: int, cores: int) -> Iterator[tuple[Any, ...]]:

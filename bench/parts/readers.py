@@ -1,22 +1,17 @@
-"""Processes that read a server's memory at full rate, beside 1,000 commits a second.
-
-``python -m bench.parts.readers [ENDPOINT]`` is one of them; without an endpoint it reads a tree of
-its own. Each number of seconds that it is sent is answered with its lookups a second meanwhile.
-"""
+"""Processes that read a server's memory at full rate, beside 1,000 commits a second."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import json
-import sys
 import threading
 import time
 
-from bench.machine import cpu_s
+from bench.machine import Usage
 from bench.parts.chain import END_NS, SOURCE, TARGET
 from bench.process import Process, serve
-from bench.report import Cell, Report, Trial, ratios
+from bench.report import Cell, Report, Trial
 from bench.server import Server, fill, shared_client
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
@@ -33,7 +28,7 @@ def measure(report: Report) -> None:
         tf = stack.enter_context(shared_client(server.endpoint))
         fill(tf)
         readers = {
-            system: [stack.enter_context(Process.of(__name__, *where)) for _ in range(4)]
+            system: [stack.enter_context(Process.of(read, *where)) for _ in range(4)]
             for system, where in ((OWN, ()), (SHARED, (server.endpoint,)))
         }
         writer = threading.Thread(target=_write, args=(tf, ending))
@@ -49,20 +44,19 @@ def measure(report: Report) -> None:
                 cells[count, system] = Cell(labels, run)
         report.measure(list(cells.values()))
     for count in (1, 2, 4):
-        ours, theirs = (cells[count, each].values("lookups_per_s") for each in (SHARED, OWN))
-        title = f"{count} processes, server's memory to own tree"
-        report.target(title, ratios(ours, theirs), ">=", 1 / 1.5)
+        values = cells[count, SHARED].over(cells[count, OWN], "lookups_per_s")
+        report.target(f"{count} processes, server's memory to own tree", values, ">=", 1 / 1.5)
 
 
 def _trial(pid: int, seconds: float, readers: list[Process]) -> Trial:
-    before_s, begun_s = cpu_s(pid), time.perf_counter()
-    for reader in readers:
-        reader.send(seconds)
-    rates = [json.loads(reader.read_line()) for reader in readers]
-    if not readers:
-        time.sleep(seconds)
-    cores = (cpu_s(pid) - before_s) / (time.perf_counter() - begun_s)
-    return {"server_cores": cores} | ({"lookups_per_s": sum(rates)} if rates else {})
+    with Usage(pid) as usage:
+        for reader in readers:
+            reader.send(seconds)
+        rates = [json.loads(reader.read_line()) for reader in readers]
+        if not readers:
+            time.sleep(seconds)
+    cores = {"server_cores": usage.cpu_s[0] / usage.took_s}
+    return cores | ({"lookups_per_s": sum(rates)} if rates else {})
 
 
 def _write(tf: TransformClient, ending: threading.Event) -> None:
@@ -76,10 +70,12 @@ def _write(tf: TransformClient, ending: threading.Event) -> None:
         time.sleep(max(0.0, next_s - time.monotonic()))
 
 
-def main() -> None:
+def read(*endpoint: str) -> None:
+    """Reads the memory of the server there, or a tree of its own. Answers a number of seconds with
+    its lookups a second meanwhile."""
     tree: TransformTree | TransformClient
-    if len(sys.argv) > 1:
-        tree = shared_client(sys.argv[1])
+    if endpoint:
+        tree = shared_client(*endpoint)
     else:
         fill(tree := TransformTree())
 
@@ -92,7 +88,3 @@ def main() -> None:
         return calls / (time.perf_counter() - begun_s)
 
     serve(lookups_per_s)
-
-
-if __name__ == "__main__":
-    main()

@@ -7,7 +7,6 @@ import contextlib
 import functools
 import itertools
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -26,8 +25,17 @@ from bench.parts.chain import (
     us_per_call,
 )
 from bench.process import Process
-from bench.report import Report, Trial, equal_poses, ratios
-from bench.server import LOOKUP, Server, fill, query_client, session, shared_client, stamped
+from bench.report import Report, Trial, equal_poses
+from bench.server import (
+    LOOKUP,
+    Server,
+    fill,
+    free_endpoint,
+    query_client,
+    session,
+    shared_client,
+    stamped,
+)
 from zenoh_tf import TransformTree, wire
 from zenoh_tf_client import Mirror, TransformClient
 from zenoh_tf_client.requests import lookups
@@ -124,8 +132,8 @@ def reads(report: Report) -> None:
                 ("query", "bare query", "<=", 1.3),
             ):
                 if base in cells:
-                    ours, other = (cells[each].values("us_per_call") for each in (system, base))
-                    report.target(f"{name}, {system} to {base}", ratios(ours, other), sign, limit)
+                    values = cells[system].over(cells[base], "us_per_call")
+                    report.target(f"{name}, {system} to {base}", values, sign, limit)
         if shared.reads != "shared":
             raise SystemExit("the server's memory was not read to the end")
 
@@ -157,7 +165,8 @@ def _bare_query(server: Server) -> Iterator[Callable[[], int]]:
     request = wire.pack(lookups.lookup_transform(TARGET, SOURCE).body())
     with session(server.endpoint) as client:
         reply_bytes = _query(client, LOOKUP, request)
-    with Server("bench.parts.reads", str(reply_bytes)) as bare, session(bare.endpoint) as client:
+    endpoint = free_endpoint()
+    with Process.of(answer_bare, endpoint, reply_bytes), session(endpoint) as client:
         yield functools.partial(_query, client, BARE_KEY, bytes(len(request)))
 
 
@@ -170,11 +179,11 @@ def _query(client: zenoh.Session, key: str, payload: bytes) -> int:
     raise SystemExit(f"no answer on {key}")
 
 
-def main() -> None:
+def answer_bare(endpoint: str, reply_bytes: int) -> None:
     """The least that a query can cost: built as the service is, of its session, a channel, and a
     worker that receives, reads the payload and replies."""
-    reply = bytes(int(sys.argv[1]))
-    with open_session([sys.argv[2]], [], Limits()) as session:
+    reply = bytes(reply_bytes)
+    with open_session([endpoint], [], Limits()) as session:
         channel: zenoh.handlers.FifoChannel[zenoh.Query] = zenoh.handlers.FifoChannel(256)
         queryable = session.declare_queryable(BARE_KEY, channel, complete=True)
         print("ready", flush=True)
@@ -182,7 +191,3 @@ def main() -> None:
             with queryable.handler.recv() as query:
                 bytes(query.payload or b"")
                 query.reply(zenoh.KeyExpr(BARE_KEY), reply)
-
-
-if __name__ == "__main__":
-    main()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.report import Report, Trial, ratios
+from bench.report import Report, Trial
 from zenoh_tf import StampedTransform, Transform, TransformTree
 
 POINTS, MANY = 100_000, 4_000_000
@@ -74,15 +74,10 @@ def _deskew(report: Report, tree: TransformTree, fixed: str, labels: dict[str, i
         raise SystemExit(f"the results differ by {worst} m")
     runs = {"deskew": _timed(ours), "NumPy": _timed(with_numpy)}
     runs["a loop of lookups"] = _timed(loop, POINTS / LOOPED)
-    ms = {
-        system: cell.values("ms")
-        for system, cell in report.compare(
-            {"case": f"deskew {POINTS:,} points"} | labels, runs
-        ).items()
-    }
+    cells = report.compare({"case": f"deskew {POINTS:,} points"} | labels, runs)
     where = f"over {labels['moving links']} links at {labels['stamps']:,} stamps"
     for system, limit in (("a loop of lookups", 20), ("NumPy", 1)):
-        values = ratios(ms[system], ms["deskew"])
+        values = cells[system].over(cells["deskew"], "ms")
         report.target(f"deskew {where} to {system}", values, ">=", limit)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import zenoh
 
-from bench.machine import cpu_s, resident_mb
+from bench.machine import Usage, resident_mb
 from bench.parts.chain import ROWS, SOURCE, TARGET, TIMES_NS
 from bench.parts.robots import FRAMES, RATE_HZ, robots
 from bench.report import Report, Trial
@@ -59,17 +59,16 @@ def waiting(report: Report) -> None:
         for index, frame in enumerate(frames):
             wait(frame, functools.partial(on_reply, index))
         _wait_until(lambda: tf.stats()["waiters"] >= lookups)
-        idle_s, before_s = report.seconds(5.0), cpu_s(server.pid)
-        time.sleep(idle_s)
-        idle_percent = 100 * (cpu_s(server.pid) - before_s) / idle_s
+        with Usage(server.pid) as idle:
+            time.sleep(report.seconds(5.0))
         for index, frame in enumerate(frames):
             released_ns[index] = time.monotonic_ns()
             tf.set_transform(_stamped(frame, WANTED_NS))
         _wait_until(came_ns.all)
     p50, p99, worst = map(float, np.percentile((came_ns - released_ns) / 1000, (50, 99, 100)))
     labels = {"case": f"{lookups} waiting lookups, from commit to answer", "system": "zenoh-tf"}
-    trial = {"us_p50": p50, "us_p99": p99, "us_worst": worst, "idle_cpu_percent": idle_percent}
-    report.add(labels, trial)
+    trial = {"us_p50": p50, "us_p99": p99, "us_worst": worst}
+    report.add(labels, trial | {"idle_cpu_percent": 100 * idle.cpu_s[0] / idle.took_s})
 
 
 def sizing(report: Report) -> None:
@@ -88,18 +87,18 @@ def _robots(report: Report, count: int) -> Trial:
         empty_mb = resident_mb(server.pid)
         with robots(server.endpoint, count, SENSORS):
             time.sleep(report.seconds(13.0))  # full histories
-            first_s, puts, begun_s = cpu_s(server.pid), tf.stats()["puts"], time.monotonic()
-            time.sleep(report.seconds(5.0))
-            spent_s, stats = cpu_s(server.pid) - first_s, tf.stats()
-            puts, took_s = max(1, stats["puts"] - puts), time.monotonic() - begun_s
-            used_mb = resident_mb(server.pid)
+            with Usage(server.pid, counts=tf.stats) as usage:
+                time.sleep(report.seconds(5.0))
+            samples, used_mb = tf.stats()["samples"], resident_mb(server.pid)
+    puts = max(1, usage.counted["puts"])
+    us_per_message = 1e6 * usage.cpu_s[0] / puts
     return {
         "empty_mb": empty_mb,
         "mb": used_mb,
-        "bytes_per_sample": 1e6 * (used_mb - empty_mb) / max(1, stats["samples"]),
-        "us_per_message": 1e6 * spent_s / puts,
-        "core_percent": 100 * spent_s / puts * count * SENSORS * RATE_HZ,
-        "rate_hz": puts / took_s / count / SENSORS,
+        "bytes_per_sample": 1e6 * (used_mb - empty_mb) / max(1, samples),
+        "us_per_message": us_per_message,
+        "core_percent": us_per_message / 1e4 * count * SENSORS * RATE_HZ,
+        "rate_hz": puts / usage.took_s / count / SENSORS,
         "transforms_per_s": count * RATE_HZ * FRAMES,
     }
 
@@ -112,10 +111,10 @@ def _clients(report: Report, count: int) -> Trial:
         for _ in range(count):
             stack.enter_context(query_client(server.endpoint))
         time.sleep(report.seconds(3.0))
-        mb, begun_s = resident_mb(server.pid) - before_mb, cpu_s(server.pid)
-        time.sleep(idle_s := report.seconds(8.0))
-        spent_s = cpu_s(server.pid) - begun_s
-    return {"mb": mb / count, "core_percent": 100 * spent_s / idle_s / count}
+        mb = resident_mb(server.pid) - before_mb
+        with Usage(server.pid) as idle:
+            time.sleep(report.seconds(8.0))
+    return {"mb": mb / count, "core_percent": 100 * idle.cpu_s[0] / idle.took_s / count}
 
 
 def _waiting_lookups(count: int) -> Trial:
@@ -130,11 +129,10 @@ def _waiting_lookups(count: int) -> Trial:
 
 
 def _single_lookups(count: int) -> Trial:
-    with Server() as server, query_client(server.endpoint) as tf:
-        begun_s = cpu_s(server.pid)
+    with Server() as server, query_client(server.endpoint) as tf, Usage(server.pid) as usage:
         for _ in range(count):
             tf.can_transform("map", "map")
-        return {"us_of_processor": 1e6 * (cpu_s(server.pid) - begun_s) / count}
+    return {"us_of_processor": 1e6 * usage.cpu_s[0] / count}
 
 
 @contextlib.contextmanager
