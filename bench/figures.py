@@ -8,10 +8,12 @@ import json
 import operator
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("svg")
 from matplotlib import pyplot as plt
@@ -28,6 +30,8 @@ plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": 
 plt.rcParams |= {"svg.hashsalt": "zenoh-tf", "svg.fonttype": "none"}
 #: Colors of many series, which the color-blind can tell apart.
 COLORS = (BLUE, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6B8E4E", "#000000")
+#: What dashed lines are of.
+DASHED = ("links written", "99.9 %", "mean stamp")
 #: Stands for none where an axis is logarithmic.
 LEAST_PERCENT = 0.01
 #: A bar's group, its system, its color, its length, and the two ends of the line on it.
@@ -36,10 +40,10 @@ Bar = tuple[str, str, str, float, float, float]
 
 def throughput(results: Results) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5))
-    _published(left, "operations_per_s", "operations_per_s", 1)
-    _measured(left, results, "operations_per_s")
-    _measured(right, results, "reads_per_s", "links read", factor=16)
-    _measured(right, results, "links_written_per_s", "links written", dash=True)
+    _published(left, "operations_per_s", 1)
+    _measured(left, results, "paper", "operations_per_s")
+    _measured(right, results, "paper", "reads_per_s", "links read", 16)
+    _measured(right, results, "paper", "links_written_per_s", "links written")
     _threads_axis(left, "operations/s", "As the report counts: tf2's 16 sets are 16 operations")
     _threads_axis(right, "links/s", "The same runs, links counted alike")
     return figure
@@ -47,10 +51,10 @@ def throughput(results: Results) -> Figure:
 
 def latency(results: Results) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), sharey=True)
-    _published(left, "read_latency_mean_ms", "read_latency_mean_ms", 1000)
+    _published(left, "read_latency_mean_ms", 1000)
     for axes, part in ((left, "paper"), (right, "paper-cached")):
-        _measured(axes, results, "read_us_p50", "median", part=part)
-        _measured(axes, results, "read_us_p999", "99.9 %", part=part, dash=True)
+        _measured(axes, results, part, "read_us_p50", "median")
+        _measured(axes, results, part, "read_us_p999", "99.9 %")
     _threads_axis(left, "a read of 16 links, µs", "1,000,000 links; published: means")
     _threads_axis(right, "", "1,000 links")
     return figure
@@ -58,9 +62,9 @@ def latency(results: Results) -> Figure:
 
 def delay(results: Results) -> Figure:
     figure, axes = plt.subplots(figsize=(7, 5))
-    _published(axes, "delay_mean_ms", "delay_oldest_ms", 0.001, " (mean stamp)", " (oldest stamp)")
-    _measured(axes, results, "delay_oldest_s", "oldest stamp", part="delay")
-    _measured(axes, results, "delay_mean_s", "mean stamp", part="delay", dash=True)
+    _published(axes, "delay_ms", 0.001, (" (mean stamp)", " (oldest stamp)"))
+    _measured(axes, results, "delay", "delay_oldest_s", "oldest stamp")
+    _measured(axes, results, "delay", "delay_mean_s", "mean stamp")
     seconds = results.rows("delay")[0]["seconds"]
     _threads_axis(axes, "age of the data used, s", f"1,000,000 links, runs of {seconds} s")
     return figure
@@ -79,8 +83,8 @@ def staleness(results: Results) -> Figure:
         group = f"{row['link']}\n{row['rate_hz']:g} Hz"
         bars.append((group, *series[row["system"], row["read"]], mean, mean, tail))
     _bars(axes, bars)
-    axes.set_xlabel("age of the data used, ms: mean (number), line to the 99th percentile")
-    axes.set_xlim(right=1.08 * max(bar[5] for bar in bars))
+    label = "age of the data used, ms: mean (number), line to the 99th percentile"
+    axes.set(xlabel=label, xlim=(None, 1.08 * max(bar[5] for bar in bars)))
     _finish(axes, "How old each link of one lookup is, by kind of lookup")
     return figure
 
@@ -100,9 +104,8 @@ def reads(results: Results) -> Figure:
         low, median, high = row["us_per_call"]
         bars.append((row["case"], *systems[row["system"]], median, low, high))
     _bars(axes, bars, " µs")
-    axes.set_xscale("log")
+    axes.set(xscale="log", xlabel="time of a lookup over 4 links from Python, µs")
     axes.set_xlim(0.05, 5 * max(bar[5] for bar in bars))
-    axes.set_xlabel("time of a lookup over 4 links from Python, µs")
     _finish(axes, "A lookup, by where it is answered")
     return figure
 
@@ -120,13 +123,11 @@ def estimate_coverage(results: Results) -> Figure:
         outside = [max(row["outside_percent"][1], LEAST_PERCENT) for row in members]
         levels = [100 * (1 - row["level"]) for row in members]
         axes.plot(levels, outside, marker=marker, color=color, linewidth=1, label=name)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    ylabel = f"truths outside the bounds ({LEAST_PERCENT:g} %: none)"
+    axes.set(xscale="log", yscale="log", xlabel="level", ylabel=ylabel)
     axes.set_xticks(promised, [f"{100 - share:.3g} %" for share in promised])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
     axes.invert_xaxis()
-    axes.set_xlabel("level")
-    axes.set_ylabel(f"truths outside the bounds ({LEAST_PERCENT:g} %: none)")
     _finish(axes, "On and below the grey line the promise is kept")
     return figure
 
@@ -145,9 +146,7 @@ def estimate_start(results: Results) -> Figure:
         axes.plot(times, [row["bound_mm"][1] for row in rows], color=color, label=name)
     errors = [row["error_mm"][1] for row in rows]
     axes.fill_between(times, errors, color="#555555", linewidth=0, label="true error")
-    axes.set_xlabel("seconds since it started, after 15 s of rest")
-    axes.set_ylabel("mm")
-    axes.set_ylim(bottom=0)
+    axes.set(xlabel="seconds since it started, after 15 s of rest", ylabel="mm", ylim=(0, None))
     _finish(axes, "Level 0.9, samples at 20 Hz that are 80 ms late")
     return figure
 
@@ -170,23 +169,15 @@ def _bars(axes: Axes, bars: Iterable[Bar], unit: str = "") -> None:
     axes.invert_yaxis()
 
 
-def _published(axes: Axes, ours: str, tf: str, factor: float, *notes: str) -> None:
-    of_ours, of_tf = notes or ("", "")
-    for name, key, note, color in (("proposal", ours, of_ours, BLUE), ("TF", tf, of_tf, ORANGE)):
-        values = [value * factor for value in PUBLISHED[name][key]]
-        lines = axes.plot(PUBLISHED["threads"], values, ":", color=color)
-        plt.setp(lines, label=f"{name}, published{note}", alpha=0.75, linewidth=1.2)
+def _published(axes: Axes, metric: str, factor: float, notes: Sequence[str] = ("", "")) -> None:
+    for name, note, color in zip(("proposal", "TF"), notes, (BLUE, ORANGE), strict=True):
+        values = [value * factor for value in PUBLISHED[name][metric]]
+        style: dict[str, Any] = {"color": color, "alpha": 0.75, "linewidth": 1.2}
+        axes.plot(PUBLISHED["threads"], values, ":", label=f"{name}, published{note}", **style)
 
 
 def _measured(
-    axes: Axes,
-    results: Results,
-    metric: str,
-    note: str = "",
-    *,
-    part: str = "paper",
-    dash: bool = False,
-    factor: float = 1,
+    axes: Axes, results: Results, part: str, metric: str, note: str = "", factor: int = 1
 ) -> None:
     """Medians with quartiles by threads, half of them writers: the report's workload."""
     for system, read, name, color, marker in (
@@ -197,36 +188,24 @@ def _measured(
         labels |= {"direction": "opposite"} if part.startswith("paper") else {}
         rows = [each for each in results.rows(part, **labels) if each["readers"] == each["writers"]]
         rows.sort(key=operator.itemgetter("readers"))
-        lows, medians, highs = zip(
-            *([factor * v for v in row[metric]] for row in rows), strict=True
-        )
-        axes.errorbar(
-            [2 * row["readers"] for row in rows],
-            medians,
-            [list(map(operator.sub, medians, lows)), list(map(operator.sub, highs, medians))],
-            label=f"{name}, {note}" if note else name,
-            color=color,
-            elinewidth=1,
-            marker=marker,
-            linewidth=1.8,
-            linestyle="--" if dash else "-",
-            markerfacecolor="white" if dash else color,
-        )
+        lows, medians, highs = factor * np.array([row[metric] for row in rows]).T
+        errors = [medians - lows, highs - medians]
+        style: dict[str, Any] = {"color": color, "marker": marker, "linewidth": 1.8}
+        if note in DASHED:
+            style |= {"linestyle": "--", "markerfacecolor": "white"}
+        label = f"{name}, {note}" if note else name
+        threads = [2 * row["readers"] for row in rows]
+        axes.errorbar(threads, medians, errors, elinewidth=1, label=label, **style)
 
 
 def _threads_axis(axes: Axes, ylabel: str, title: str) -> None:
     axes.set_xscale("log", base=2)
-    axes.set_yscale("log")
+    axes.set(yscale="log", xlabel="threads, half of them writers", ylabel=ylabel)
     axes.xaxis.set_major_formatter(matplotlib.ticker.ScalarFormatter())
-    axes.yaxis.set_major_formatter(lambda value, _: _short(value))
-    axes.set_xlabel("threads, half of them writers")
-    axes.set_ylabel(ylabel)
+    short = matplotlib.ticker.EngFormatter()
+    axes.yaxis.set_major_formatter(lambda value, _: short(value) if value >= 1 else f"{value:g}")
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     _finish(axes, title)
-
-
-def _short(value: float) -> str:
-    return matplotlib.ticker.EngFormatter()(value) if value >= 1 else f"{value:g}"
 
 
 def _finish(axes: Axes, title: str) -> None:
@@ -239,7 +218,7 @@ def _finish(axes: Axes, title: str) -> None:
     axes.legend(fontsize=8, ncols=2, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14))
 
 
-def _caption(results: Results, part: str, published: bool) -> str:
+def _caption(results: Results, part: str) -> str:
     file = results.parts[part]
     about = file["machine"]
     text = f"Measured on {about['cpu']}, {about['cores']} cores, {about['compiler']},"
@@ -247,28 +226,31 @@ def _caption(results: Results, part: str, published: bool) -> str:
     if part in ("paper", "reads"):
         text += "Medians of the trials with their quartiles. "
     text += f"Other programs used {file['background_cores']:g} cores meanwhile."
-    if published:
+    if part in ("paper", "delay"):
         text += f" Published: {PUBLISHED['source']}; {PUBLISHED['machine']}."
     return text
 
 
+#: The figures, and the part that each is of.
+FIGURES = {
+    throughput: "paper",
+    latency: "paper",
+    delay: "delay",
+    staleness: "staleness",
+    reads: "reads",
+    estimate_coverage: "estimate",
+    estimate_start: "estimate",
+}
+
+
 def draw(results: Results, folder: Path) -> None:
     """Writes all figures into the folder."""
-    for figure_of, part, published in (
-        (throughput, "paper", True),
-        (latency, "paper", True),
-        (delay, "delay", True),
-        (staleness, "staleness", False),
-        (reads, "reads", False),
-        (estimate_coverage, "estimate", False),
-        (estimate_start, "estimate", False),
-    ):
-        figure = figure_of(results)
+    for draw_figure, part in FIGURES.items():
+        figure = draw_figure(results)
         figure.tight_layout(rect=(0, 0.07, 1, 1))
-        width = int(figure.get_figwidth() * 17)
-        caption = textwrap.fill(_caption(results, part, published), width)
+        caption = textwrap.fill(_caption(results, part), int(figure.get_figwidth() * 17))
         figure.text(0.01, 0.01, caption, fontsize=7, color="#444444")
-        save(figure, folder / f"{figure_of.__name__}.svg")
+        save(figure, folder / f"{draw_figure.__name__}.svg")
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from zenoh_tf import StampedTransform, Transform, TransformArray, TransformTree
 
@@ -43,18 +44,15 @@ class Feed:
         """What is usual without `estimate_transform`: the newest pose, or that pose carried on by
         the velocity between the last two samples."""
         now = self.newest(times_s)
-        poses = _array(self.poses[now])
-        if not twist:
-            return poses
-        before = np.maximum(now - 1, 0)
-        step_s = np.maximum(self.stamps_s[now] - self.stamps_s[before], 1e-9)
-        share = ((times_s - self.stamps_s[now]) / step_s)[:, None]
-        moved = _array(self.poses[before]).inverse() @ poses
-        turn = _turn(share * rotation_vectors(moved.rotations))
-        carried = poses.poses.copy()
-        carried[:, :3] += share * (carried[:, :3] - self.poses[before, :3])
-        carried[:, 3:] = (poses @ _array(np.hstack([np.zeros((len(turn), 3)), turn]))).rotations
-        return _array(carried)
+        poses = self.poses[now]
+        if twist:
+            before = np.maximum(now - 1, 0)
+            step_s = np.maximum(self.stamps_s[now] - self.stamps_s[before], 1e-9)
+            share = ((times_s - self.stamps_s[now]) / step_s)[:, None]
+            turn = share * _turns(self.poses[before], poses).as_rotvec()
+            poses[:, :3] += share * (poses[:, :3] - self.poses[before, :3])
+            poses[:, 3:] = _turned(poses, turn)
+        return _array(poses)
 
 
 @dataclass
@@ -114,17 +112,8 @@ def nanoseconds(times_s: Array) -> list[int]:
 
 def errors(found: Array, truth: Array) -> tuple[Array, Array]:
     """Metres and radians between poses, row by row."""
-    apart = (_array(truth).inverse() @ _array(found)).rotations
     metres = np.linalg.norm(found[:, :3] - truth[:, :3], axis=1)
-    return metres, np.linalg.norm(rotation_vectors(apart), axis=1)
-
-
-def rotation_vectors(quaternions: Array) -> Array:
-    """(n, 3) of unit quaternions (n, 4)."""
-    q = np.where(quaternions[:, 3:] < 0, -quaternions, quaternions)
-    sine = np.linalg.norm(q[:, :3], axis=1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[:, 3:])
-    return np.asarray(q[:, :3] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2))
+    return metres, _turns(truth, found).magnitude()
 
 
 def driving(
@@ -219,10 +208,9 @@ def sampled(
     the clock that stamps them is ahead."""
     times_s = np.arange(rng.uniform(0, 1 / hz), seconds, 1 / hz)
     times_s = times_s[rng.random(len(times_s)) >= lost]
-    count = len(times_s)
-    off = np.hstack([noise[0] * rng.normal(size=(count, 3)), np.zeros((count, 4))])
-    turned = np.hstack([np.zeros((count, 3)), _turn(noise[1] * rng.normal(size=(count, 3)))])
-    poses = (_array(motion(times_s) + off) @ _array(turned)).poses
+    count, poses = len(times_s), motion(times_s)
+    poses[:, :3] += noise[0] * rng.normal(size=(count, 3))
+    poses[:, 3:] = _turned(poses, noise[1] * rng.normal(size=(count, 3)))
     arrivals_s = times_s + late_s + rng.exponential(1, count) * jitter_s
     return Feed(*names, motion, times_s + clock_s, arrivals_s, poses)
 
@@ -239,13 +227,16 @@ def _in_plane(places: Array) -> Motion:
     return motion
 
 
-def _turn(vectors: Array) -> Array:
-    """Quaternions of rotation vectors."""
-    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    scale = np.sinc(angle / 2 / np.pi) / 2
-    return np.hstack([vectors * scale, np.cos(angle / 2)])
+def _turns(before: Array, after: Array) -> Any:
+    """The rotations from pose to pose, row by row."""
+    return Rotation.from_quat(before[:, 3:]).inv() * Rotation.from_quat(after[:, 3:])
+
+
+def _turned(poses: Array, vectors: Array) -> Array:
+    """The quaternions of poses that are turned by rotation vectors."""
+    turned = Rotation.from_quat(poses[:, 3:]) * Rotation.from_rotvec(vectors)
+    return np.asarray(turned.as_quat())
 
 
 def _array(poses: Array) -> TransformArray:
-    count: Any = len(poses)
-    return TransformArray(np.zeros(count, np.uint8), np.zeros(count, np.int64), poses)
+    return TransformArray(np.zeros(len(poses), np.uint8), np.zeros(len(poses), np.int64), poses)
