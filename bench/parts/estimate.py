@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from bench.report import Report, Trial
 from bench.scenarios import AT_REST, LOSING, SCENARIOS, base_and_arm
 from bench.trajectories import STARTS_EVERY_S, Array, Scenario, errors, nanoseconds
-from zenoh_tf import TransformException, TransformTree
+from zenoh_tf import TransformException
 
 LEVELS = (0.9, 0.99, 0.999)
 #: 0.999 needs ten minutes of history.
@@ -20,37 +18,12 @@ HISTORY_S, ASKED_S, QUESTIONS, SEEDS = 620.0, 120.0, 1_400, 3
 LEAST_M = 0.002
 
 
-def _limited(tree: TransformTree) -> None:
-    tree.set_motion_limits(
-        "base",
-        max_speed_m_s=1.0,
-        max_accel_m_s2=1.0,
-        max_rate_rad_s=1.0,
-        max_rate_accel_rad_s2=2.0,
-    )
-
-
-SYSTEMS = {"estimate": lambda _: None, "estimate, limits": _limited}
-
-
-@dataclass
-class Answers:
-    """What was found for the questions that had an answer."""
-
-    scenario: Scenario
-    times_s: Array
-    poses: Array
-    bounds: Array  # (n, 2) metres, radians
-    levels: Array
-
-    @property
-    def errors(self) -> tuple[Array, Array]:
-        return errors(self.poses, self.scenario.truth(self.times_s))
-
-    @property
-    def within(self) -> Array:
-        metres, radians = self.errors
-        return np.asarray((metres <= self.bounds[:, 0]) & (radians <= self.bounds[:, 1]))
+#: The limits of the base's motion that are declared.
+SYSTEMS: dict[str, dict[str, float]] = {
+    "estimate": {},
+    "estimate, limits": dict.fromkeys(("max_speed_m_s", "max_accel_m_s2", "max_rate_rad_s"), 1.0)
+    | {"max_rate_accel_rad_s2": 2.0},
+}
 
 
 def ask(
@@ -58,12 +31,14 @@ def ask(
     times_s: Array,
     levels: tuple[float, ...],
     history_s: float = HISTORY_S,
-    prepare: Callable[[TransformTree], None] = lambda _: None,
-) -> dict[float, Answers]:
-    """Ask for each time when it is now, with what has arrived by then."""
+    **limits: float,
+) -> dict[float, Array]:
+    """Ask for each time when it is now, with what has arrived by then. The columns are the errors
+    in metres and radians, their bounds, and the level that was reached."""
     tree = scenario.prepare(history_s)
-    rows: dict[float, list[tuple[float, ...]]] = {level: [] for level in levels}
-    prepare(tree)
+    if limits:
+        tree.set_motion_limits("base", **limits)
+    poses, bounds = [], []
     for time_s, stamp_ns in zip(times_s, nanoseconds(times_s), strict=True):
         scenario.feed(tree, time_s)
         for level in levels:
@@ -71,46 +46,49 @@ def ask(
                 e = tree.estimate_transform(*scenario.ends, stamp_ns, level=level, max_by_s=1.0)
             except TransformException as error:
                 raise SystemExit(f"{scenario.name} at {time_s} s: {error}") from None
-            rows[level].append((time_s, *e.transform.pose(), e.error_m, e.error_rad, e.level))
-    columns = {level: np.array(each) for level, each in rows.items()}
-    return {
-        level: Answers(scenario, each[:, 0], each[:, 1:8], each[:, 8:10], each[:, 10])
-        for level, each in columns.items()
-    }
+            poses.append(e.transform.pose())
+            bounds.append((e.error_m, e.error_rad, e.level))
+    truth = np.repeat(scenario.truth(times_s), len(levels), axis=0)
+    found = np.column_stack([*errors(np.array(poses), truth), bounds])
+    return {level: found[i :: len(levels)] for i, level in enumerate(levels)}
+
+
+def within(found: Array) -> Array:
+    """Whether the truth is within both bounds, by answer of `ask`."""
+    return np.asarray((found[:, :2] <= found[:, 2:4]).all(axis=1))
 
 
 def measure(report: Report) -> None:
     """Coverage beside what is usual, and times beside a lookup's."""
-    history_s, asked_s, questions = HISTORY_S, ASKED_S, QUESTIONS
+    history_s, asked_s, questions, seeds = HISTORY_S, ASKED_S, QUESTIONS, SEEDS
     if report.quick:
-        history_s, asked_s, questions = 12.0, 2.0, 20
+        history_s, asked_s, questions, seeds = 12.0, 2.0, 20, 1
     begin_s, end_s = history_s + 5, history_s + 5 + asked_s
     for name, make in SCENARIOS.items():
-        seeds = []
-        for seed in range(1 if report.quick else SEEDS):
+        answers, usual = [], []
+        for seed in range(seeds):
             rng = np.random.default_rng([seed, len(name)])
             scenario = Scenario(name, make(rng, end_s + 1))
             times_s = np.sort(rng.uniform(begin_s, end_s, questions))
-            seeds.append(ask(scenario, times_s, LEVELS, history_s))
+            answers.append(ask(scenario, times_s, LEVELS, history_s))
+            carried = (scenario.carried(times_s, twist) for twist in (False, True))
+            usual.append([errors(each, scenario.truth(times_s))[0] for each in carried])
         for level in LEVELS:
-            _add(report, name, level, [each[level] for each in seeds])
+            found = np.concatenate([each[level] for each in answers])
+            _add(report, name, level, found, np.concatenate(usual, axis=1))
     _lose(report)
     _time(report)
 
 
-def _add(report: Report, name: str, level: float, seeds: list[Answers]) -> None:
+def _add(report: Report, name: str, level: float, found: Array, usual: Array) -> None:
     """Ours, then the tolerance of what is usual that would have held for as many."""
-    labels = {"scenario": name, "level": level}
-    metres = np.concatenate([found.errors[0] for found in seeds])
-    bounds = np.concatenate([found.bounds[:, 0] for found in seeds])
-    row = _judged(metres, np.concatenate([found.within for found in seeds]), bounds)
-    attained = float(np.mean([found.levels.mean() for found in seeds]))
+    labels, row = {"scenario": name, "level": level}, _judged(found)
+    attained = float(found[:, 4].mean())
     report.add(labels | {"system": "estimate"}, row | {"attained": attained})
-    for system in ("hold", "twist"):
-        apart = np.concatenate([_usual(found, system == "twist") for found in seeds])
-        tolerance = float(np.quantile(apart, (metres <= bounds).mean()))
-        usual = {"bound_mm": 1e3 * tolerance, "error_mm": 1e3 * float(np.median(apart))}
-        report.add(labels | {"system": system}, usual)
+    for system, metres in zip(("hold", "twist"), usual, strict=True):
+        tolerance = float(np.quantile(metres, (found[:, 0] <= found[:, 2]).mean()))
+        trial = {"bound_mm": 1e3 * tolerance, "error_mm": 1e3 * float(np.median(metres))}
+        report.add(labels | {"system": system}, trial)
     if report.quick:
         return
     limit = 100 * (1 - attained)
@@ -119,18 +97,17 @@ def _add(report: Report, name: str, level: float, seeds: list[Answers]) -> None:
         report.target(f"{name}: bound to error", [row["bound_to_error"]], "<=", 3)
 
 
-def _judged(metres: Array, within: Array, bounds: Array) -> Trial:
+def _judged(found: Array) -> Trial:
     """The share outside, medians, and the bound that knows the errors: their 90 %."""
-    error, p90 = (float(np.quantile(metres, share)) for share in (0.5, 0.9))
-    bound = float(np.median(bounds))
-    row = {"outside_percent": 100 * (1 - float(within.mean())), "bound_mm": 1e3 * bound}
-    row |= {"error_mm": 1e3 * error, "error_mm_p90": 1e3 * p90}
-    return row | {"bound_to_error": bound / max(error, LEAST_M)}
-
-
-def _usual(found: Answers, twist: bool) -> Array:
-    carried = found.scenario.carried(found.times_s, twist)
-    return errors(carried, found.scenario.truth(found.times_s))[0]
+    error, p90 = (float(np.quantile(found[:, 0], share)) for share in (0.5, 0.9))
+    bound = float(np.median(found[:, 2]))
+    return {
+        "outside_percent": 100 * (1 - float(within(found).mean())),
+        "bound_mm": 1e3 * bound,
+        "error_mm": 1e3 * error,
+        "error_mm_p90": 1e3 * p90,
+        "bound_to_error": bound / max(error, LEAST_M),
+    }
 
 
 def _lose(report: Report) -> None:
@@ -143,20 +120,18 @@ def _lose(report: Report) -> None:
         if name == AT_REST:
             drives_s = STARTS_EVERY_S * np.ceil(times_s / STARTS_EVERY_S) - 3
             times_s = np.sort(drives_s + rng.uniform(0, 0.3, questions))
-        for system, prepare in SYSTEMS.items():
-            found = ask(scenario, times_s, LEVELS[:1], 10.0, prepare)[LEVELS[0]]
-            row = _judged(found.errors[0], found.within, found.bounds[:, 0])
-            report.add({"scenario": name, "level": LEVELS[0], "system": system}, row)
+        for system, limits in SYSTEMS.items():
+            found = ask(scenario, times_s, LEVELS[:1], 10.0, **limits)[LEVELS[0]]
+            labels = {"scenario": name, "level": LEVELS[0], "system": system}
+            report.add(labels, _judged(found))
     scenario = Scenario("a start and a stop", LOSING[AT_REST](np.random.default_rng(7), 60.0))
     times_s = np.arange(-1, 5, 2.0 if report.quick else 0.125) + 2 * STARTS_EVERY_S - 3
-    for system, prepare in SYSTEMS.items():
-        found = ask(scenario, times_s, LEVELS[:1], 10.0, prepare)[LEVELS[0]]
-        for time_s, bound, error in zip(times_s, found.bounds, found.errors[0], strict=True):
-            labels = {"scenario": scenario.name, "level": LEVELS[0], "system": system}
+    for system, limits in SYSTEMS.items():
+        found = ask(scenario, times_s, LEVELS[:1], 10.0, **limits)[LEVELS[0]]
+        labels = {"scenario": scenario.name, "level": LEVELS[0], "system": system}
+        for time_s, (error, _, bound, *_) in zip(times_s, 1e3 * found, strict=True):
             at_s = round(float(time_s) - 2 * STARTS_EVERY_S + 3, 3)
-            report.add(
-                labels | {"seconds": at_s}, {"bound_mm": 1e3 * bound[0], "error_mm": 1e3 * error}
-            )
+            report.add(labels | {"seconds": at_s}, {"bound_mm": bound, "error_mm": error})
 
 
 def _time(report: Report) -> None:
