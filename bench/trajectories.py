@@ -1,12 +1,12 @@
 """Simulated robots whose pose is known exactly at any time, and their samples as a tree gets them:
-late, jittered, noisy and with gaps."""
+late, jittered, noisy and with gaps. Rates, delays and noise are as in the field."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import reduce
+from dataclasses import dataclass
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ Motion = Callable[[Array], Array]
 STEP_S = 0.005
 #: How often a base starts that rests most of the time.
 STARTS_EVERY_S = 18.0
+#: Of the tool.
+MOUNT = Transform((0.3, 0, 0.4))
 
 
 @dataclass(frozen=True)
@@ -55,42 +57,35 @@ class Feed:
         return _array(poses)
 
 
-@dataclass
 class Scenario:
     """A robot: the links from a target to a source, in order. The last one is static."""
 
-    name: str
-    feeds: list[Feed]
-    mount: Transform = field(default_factory=lambda: Transform((0.3, 0, 0.4)))
-    fed: int = 0
-
-    @property
-    def ends(self) -> tuple[str, str]:
-        """Target and source."""
-        return self.feeds[0].parent, "tool"
+    def __init__(self, name: str, feeds: list[Feed]) -> None:
+        self.name, self.feeds = name, feeds
+        #: Target and source.
+        self.ends = feeds[0].parent, "tool"
+        arrivals_s = np.concatenate([feed.arrivals_s for feed in feeds])
+        order = np.argsort(arrivals_s, kind="stable")
+        samples = [
+            StampedTransform(feed.parent, feed.child, stamp, Transform(pose[:3], pose[3:]))
+            for feed in feeds
+            for stamp, pose in zip(nanoseconds(feed.stamps_s), feed.poses, strict=True)
+        ]
+        self._arrivals_s, self._samples = arrivals_s[order], [samples[i] for i in order]
 
     def prepare(self, cache_time_s: float) -> TransformTree:
         """An empty tree for `feed`."""
         tree = TransformTree(cache_time_s=cache_time_s, max_samples_per_frame=1 << 20)
-        mount = StampedTransform(self.feeds[-1].child, "tool", 0, self.mount)
-        tree.set_transform(mount, static=True)
-        arrivals = np.concatenate([feed.arrivals_s for feed in self.feeds])
-        order = np.argsort(arrivals, kind="stable")
-        samples = [
-            StampedTransform(feed.parent, feed.child, stamp, Transform(pose[:3], pose[3:]))
-            for feed in self.feeds
-            for stamp, pose in zip(nanoseconds(feed.stamps_s), feed.poses, strict=True)
-        ]
-        self._arrivals_s, self._samples = arrivals[order], [samples[i] for i in order]
-        self.fed = 0
+        tree.set_transform(StampedTransform(self.feeds[-1].child, "tool", 0, MOUNT), static=True)
+        self._fed = 0
         return tree
 
     def feed(self, tree: TransformTree, until_s: float) -> None:
         """Store what arrives by a time."""
         end = int(np.searchsorted(self._arrivals_s, until_s, "right"))
-        if end > self.fed:
-            tree.set_transforms_xact(self._samples[self.fed : end])
-        self.fed = end
+        if end > self._fed:
+            tree.set_transforms_xact(self._samples[self._fed : end])
+        self._fed = end
 
     def truth(self, times_s: Array) -> Array:
         """The exact poses of source in target."""
@@ -101,7 +96,7 @@ class Scenario:
         return self._chain([feed.carried(times_s, twist) for feed in self.feeds])
 
     def _chain(self, links: list[TransformArray]) -> Array:
-        return (reduce(lambda a, b: a @ b, links) @ self.mount).poses
+        return (reduce(lambda a, b: a @ b, links) @ MOUNT).poses
 
 
 def nanoseconds(times_s: Array) -> list[int]:
@@ -240,3 +235,65 @@ def _turned(poses: Array, vectors: Array) -> Array:
 
 def _array(poses: Array) -> TransformArray:
     return TransformArray(np.zeros(len(poses), np.uint8), np.zeros(len(poses), np.int64), poses)
+
+
+#: A robot's links, for so many seconds.
+Make = Callable[[np.random.Generator, float], list[Feed]]
+
+
+def base_and_arm(rng: np.random.Generator, seconds: float) -> list[Feed]:
+    """A corrected odometry and three joints at 200 Hz."""
+    joints = (("shoulder", (0.2, 0.0, 0.5), 2, 1.5), ("elbow", (0.0, 0.0, 0.3), 1, 1.0))
+    angle = partial(sampled, hz=200, late_s=0.005, jitter_s=0.001, lost=0.01, noise=(0, 2e-4))
+    feeds, parent = driven(rng, seconds), "base"
+    for child, offset, axis, most in (*joints, ("wrist", (0.4, 0.0, 0.0), 1, 1.0)):
+        swing = swinging(rng, seconds, offset, axis, most)
+        feeds.append(angle(rng, (parent, child), swing, seconds))
+        parent = child
+    return feeds
+
+
+def arm(rng: np.random.Generator, seconds: float) -> list[Feed]:
+    return base_and_arm(rng, seconds)[2:]
+
+
+def driven(rng: np.random.Generator, seconds: float, clock_s: float = 0.0) -> list[Feed]:
+    """A localiser at 10 Hz that is 80 ms late, and wheels at 50 Hz."""
+    slow = partial(sampled, hz=10, late_s=0.08, jitter_s=0.02, noise=(0.003, 0.001))
+    fast = partial(
+        sampled, hz=50, late_s=0.02, jitter_s=0.003, lost=0.02, noise=(5e-4, 3e-4), clock_s=clock_s
+    )
+    drift = slow(rng, ("map", "odom"), drifting(rng, seconds), seconds)
+    return [drift, fast(rng, ("odom", "base"), driving(rng, seconds), seconds)]
+
+
+def link(
+    hz: float, late_s: float, lost: float = 0.02, noise_m: float = 1e-3, **drive: float
+) -> Make:
+    def make(rng: np.random.Generator, seconds: float) -> list[Feed]:
+        sample = partial(sampled, hz=hz, late_s=late_s, jitter_s=late_s / 4, lost=lost)
+        motion = driving(rng, seconds, **drive)
+        return [sample(rng, ("odom", "base"), motion, seconds, noise=(noise_m, noise_m / 2))]
+
+    return make
+
+
+SCENARIOS: dict[str, Make] = {
+    "corrected odometry": driven,
+    "arm on a base": base_and_arm,
+    "arm": arm,
+    "steady drive": link(30, 0.06, stops=0.0, acceleration=0.3),
+    "sudden stops": link(20, 0.06, sudden=0.6),
+    "long stops": link(20, 0.08, stops=0.5, stop_s=18.0),
+    "camera": link(30, 0.1, lost=0.2, noise_m=3e-3, speed=0.5),
+    "wireless": link(10, 0.36, lost=0.1),
+}
+AT_REST = "start after a rest"
+LOSING: dict[str, Make] = {
+    AT_REST: lambda rng, seconds: [
+        sampled(
+            rng, ("odom", "base"), starting(seconds), seconds, hz=20, late_s=0.08, noise=(1e-3, 0)
+        )
+    ],
+    "clock 20 ms ahead": partial(driven, clock_s=0.02),
+}

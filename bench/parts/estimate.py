@@ -7,8 +7,17 @@ import time
 import numpy as np
 
 from bench.report import Report, Trial
-from bench.scenarios import AT_REST, LOSING, SCENARIOS, base_and_arm
-from bench.trajectories import STARTS_EVERY_S, Array, Scenario, errors, nanoseconds
+from bench.trajectories import (
+    AT_REST,
+    LOSING,
+    SCENARIOS,
+    STARTS_EVERY_S,
+    Array,
+    Scenario,
+    base_and_arm,
+    errors,
+    nanoseconds,
+)
 from zenoh_tf import TransformException
 
 LEVELS = (0.9, 0.99, 0.999)

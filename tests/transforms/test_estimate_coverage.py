@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from bench.parts.estimate import SYSTEMS, ask, within
-from bench.scenarios import AT_REST, LOSING, SCENARIOS
-from bench.trajectories import STARTS_EVERY_S, Array, Scenario, errors
+from bench.trajectories import AT_REST, LOSING, SCENARIOS, STARTS_EVERY_S, Array, Scenario, errors
 from tests.support import recorded
 from zenoh_tf import ForwardExtrapolationException, TransformTree
 
