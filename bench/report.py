@@ -71,13 +71,17 @@ class Report:
         self.measure(list(cells.values()), repetitions)
         return cells
 
-    def measure(self, cells: Sequence[Cell], repetitions: int = 9) -> None:
-        """Runs all cells by turns, in the given order; prints and keeps them."""
+    def measure(self, cells: Sequence[Cell], repetitions: int = 9) -> Sequence[Cell]:
+        """Runs all cells by turns, in the given order; prints, keeps and returns them."""
+        self.take_turns(cells, repetitions)
+        for cell in cells:
+            self.add(cell.labels, *cell.trials)
+        return cells
+
+    def take_turns(self, cells: Sequence[Cell], repetitions: int) -> None:
         for _ in range(1 if self.quick else repetitions):
             for cell in cells:
                 cell.trials.append(cell.run())
-        for cell in cells:
-            self.add(cell.labels, *cell.trials)
 
     def add(self, labels: Mapping[str, Any], *trials: Trial) -> None:
         """Prints and keeps the quartiles of each metric."""

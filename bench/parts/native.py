@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from bench.report import Cell, Report, equal_poses
 #: Deeper than a tree allows without an option.
 QUICK_LINKS = 10_000
 COMMON, XACT = "latest-common", "latest-xact"
+Labels = Mapping[str, object]
 
 
 @functools.cache
@@ -61,29 +62,31 @@ class Program:
         """Sends a command; returns its answer."""
         return self._processes[system].ask(" ".join([command, *_words(settings)]))
 
+    def pairs(self, *reads: str) -> list[tuple[str, str]]:
+        """The kinds of lookup with each system that has them; tf2 has no atomic one."""
+        pairs = itertools.product(reads, self.memory)
+        return [pair for pair in pairs if pair != (XACT, "tf2")]
+
     def check(self, *reads: str, **settings: int) -> None:
         """Ends the benchmark if the answers of two systems differ."""
         for read in reads:
-            systems = [name for name in self.memory if (read, name) != (XACT, "tf2")]
-            first, *others = (self.ask("answers", name, read=read, **settings) for name in systems)
+            systems = [system for _, system in self.pairs(read)]
+            first, *others = (self.ask("answers", each, read=read, **settings) for each in systems)
             if not all(all(map(equal_poses, first, answers)) for answers in others):
                 raise SystemExit(f"answers to {read} differ")
 
     def cells(
-        self, labels: dict[str, Any], *reads: str, command: str = "trial", **run: Any
+        self, labels: Labels, reads: Sequence[str], run: Labels, command: str = "trial"
     ) -> list[Cell]:
-        """A cell for each system and each kind of lookup; tf2 has no atomic one."""
-        return [
-            Cell(
-                {**labels, "system": system, "read": read},
-                functools.partial(self.ask, command, system, read=read, **run),
-            )
-            for read, system in itertools.product(reads, self.memory)
-            if (read, system) != (XACT, "tf2")
-        ]
+        """A cell for each system and each kind of lookup."""
+        cells = []
+        for read, system in self.pairs(*reads):
+            ask = functools.partial(self.ask, command, system, read=read, **run)
+            cells.append(Cell({**labels, "system": system, "read": read}, ask))
+        return cells
 
 
-def _words(settings: dict[str, Any]) -> list[str]:
+def _words(settings: Labels) -> list[str]:
     return [f"{name}={value}" for name, value in settings.items()]
 
 
@@ -99,17 +102,10 @@ def lookups(report: Report) -> None:
             program.check(read, length=4, vary=0)
             for threads in (1, 2):
                 readers = 0 if name.startswith("set") else threads
-                cells = program.cells(
-                    {"case": name, "threads": threads},
-                    read,
-                    readers=readers,
-                    writers=threads - readers,
-                    length=4,
-                    own_links=1,
-                    seconds=report.seconds(0.05),
-                )
-                report.measure(cells, 15)
-                found = {each.labels["system"]: each for each in cells}
+                run: dict[str, float] = {"readers": readers, "writers": threads - readers}
+                run |= {"length": 4, "own_links": 1, "seconds": report.seconds(0.05)}
+                cells = program.cells({"case": name, "threads": threads}, [read], run)
+                found = {each.labels["system"]: each for each in report.measure(cells, 15)}
                 if "tf2" in found and threads <= len(limits):
                     title = f"{name}, {threads} threads: to tf2's"
                     values = found["optimistic"].over(found["tf2"], "operations_per_s")
@@ -156,39 +152,26 @@ def _snake(report: Report, links: int, direction: str, roles: list[tuple[int, in
     cache_s, samples = (3600, 16) if links > 100_000 else (1, 64)
     settings = {"cache_s": cache_s, "max_samples": samples, "samples": samples + 1}
     settings["child_to_parent"] = int(direction == "same")
-    cells = []
+    labels, seconds = {"links": links, "direction": direction}, report.seconds(0.15)
+    cells: list[Cell] = []
     with Program(report, links, **settings) as program:
         for writing in (False, True):  # first without writers, while all links are of one age
             program.check(COMMON, XACT, length=16, vary=int(writing))
-            plan = _threads(
-                program,
-                {"links": links, "direction": direction},
-                [each for each in roles if (each[1] > 0) == writing],
-                report.seconds(0.15),
-            )
-            report.measure(plan)
-            cells += plan
+            plan = [each for each in roles if (each[1] > 0) == writing]
+            cells += report.measure(_threads(program, labels, plan, seconds))
     return cells
 
 
 def _threads(
-    program: Program, labels: dict[str, Any], roles: list[tuple[int, int]], seconds: float
+    program: Program, labels: Labels, roles: list[tuple[int, int]], seconds: float
 ) -> list[Cell]:
     """Cells of the report's reads and writes, for each number of readers and writers."""
-    return [
-        cell
-        for readers, writers in roles
-        for cell in program.cells(
-            labels | {"readers": readers, "writers": writers},
-            *(XACT, COMMON),
-            readers=readers,
-            writers=writers,
-            length=16,
-            own_links=0,
-            seconds=seconds,
-        )
-        if (cell.labels["system"], cell.labels["read"]) in PAPER_READS
-    ]
+    cells: list[Cell] = []
+    for readers, writers in roles:
+        threads = {"readers": readers, "writers": writers}
+        run = {**threads, "length": 16, "own_links": 0, "seconds": seconds}
+        cells += program.cells({**labels, **threads}, (XACT, COMMON), run)
+    return [each for each in cells if (each.labels["system"], each.labels["read"]) in PAPER_READS]
 
 
 def check_paper(report: Report, cells: Sequence[Cell], cores: int) -> None:
@@ -198,10 +181,8 @@ def check_paper(report: Report, cells: Sequence[Cell], cores: int) -> None:
         for other, roles, name, sign, limit, *metrics in _goals(links, readers, writers, cores):
             base = found.get((links, direction, *roles, other, COMMON if other == "tf2" else read))
             if system == "optimistic" and base:
-                where = (
-                    f"{links:,} links, {direction}, {readers} readers, {writers} writers, {read}"
-                )
-                report.target(f"{where}: {name}", cell.over(base, *metrics), sign, limit)
+                where = f"{links:,} links, {direction}, {readers} readers, {writers} writers"
+                report.target(f"{where}, {read}: {name}", cell.over(base, *metrics), sign, limit)
 
 
 def _goals(links: int, readers: int, writers: int, cores: int) -> Iterator[tuple[Any, ...]]:
@@ -235,12 +216,10 @@ def delay(report: Report) -> None:
         with Program(report, links, "optimistic", "tf2", samples=17, max_samples=16) as program:
             labels = {"links": links, "seconds": seconds}
             cells = _threads(program, labels, [(half, half)], report.seconds(seconds))
-            report.measure([each for each in cells if _of_report(each)], 1)
-
-
-def _of_report(cell: Cell) -> bool:
-    """Whether this is the lookup that the report measures of the system."""
-    return bool(cell.labels["read"] == (COMMON if cell.labels["system"] == "tf2" else XACT))
+            # Of each system, the lookup that the report measures of it.
+            wanted = {"optimistic": XACT, "tf2": COMMON}
+            own = [each for each in cells if each.labels["read"] == wanted[each.labels["system"]]]
+            report.measure(own, 1)
 
 
 #: Links from the map down to the gripper, and how often they are published, in Hz.
@@ -251,10 +230,8 @@ def staleness(report: Report) -> None:
     """Publishers at fixed rates: how old the data of a lookup is, link by link."""
     run = {"seconds": report.seconds(3), "rates_hz": ",".join(map(str, SOURCES.values()))}
     with Program(report, len(SOURCES), "optimistic", "tf2") as program:
-        cells = program.cells({}, COMMON, XACT, command="staleness", **run)
-        for _ in range(1 if report.quick else 3):
-            for cell in cells:
-                cell.trials.append(cell.run())
+        cells = program.cells({}, (COMMON, XACT), run, "staleness")
+        report.take_turns(cells, 3)
     for i, (link, rate) in enumerate(SOURCES.items()):
         for cell in cells:
             means, tails = (cell.values(f"link{i}_{name}") for name in ("ms_mean", "ms_p99"))
