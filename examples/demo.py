@@ -7,42 +7,19 @@ Each sensor and each client is a process of its own. All figures are measured wh
 
 from __future__ import annotations
 
-import socket
-import sys
 import time
 from typing import Any
 
 from demo_robot import motion, page
 from demo_robot.clients import error_mm
-from demo_robot.processes import Child, ChildFailed, Children
+from demo_robot.processes import Child, ChildFailed, Children, run_demo
 from demo_robot.sensors import SENSORS
-from zenoh_tf import FrameInfo, ServerUnavailable, Transform, TransformException
+from zenoh_tf import FrameInfo, Transform
 from zenoh_tf_client import TransformClient
 
 
-def main() -> int:
-    start = time.monotonic()
-    try:
-        with Children() as children:
-            _run(children)
-    except KeyboardInterrupt:
-        print("\ninterrupted; all processes have ended", file=sys.stderr)
-        return 130
-    except (ChildFailed, TransformException) as error:
-        print(f"\nthe demo failed: {type(error).__name__}: {error}", file=sys.stderr)
-        return 1
-    print(page.faint(f"  All processes have ended; {time.monotonic() - start:.0f} s in all.\n"))
-    return 0
-
-
 def _run(children: Children) -> None:
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    server = children.start("zenoh_tf_server", "--listen", endpoint)
-    try:
-        client = TransformClient.connect(endpoint, timeout_s=10.0)
-    except ServerUnavailable:
-        server.check()  # the server's own error says more
-        raise
+    server, endpoint, client = children.start_server()
     with client as tf:
         sensors = {
             name: children.start("demo_robot.sensors", name, "--connect", endpoint)
@@ -79,13 +56,6 @@ def _run(children: Children) -> None:
         sent = {name: sensor.report() for name, sensor in sensors.items()}
         _methods(methods)
         _rates(sent, {name: tf.frame(SENSORS[name].child_frame) for name in sensors})
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def _wait_for_history(tf: TransformClient, children: list[Child]) -> None:
@@ -229,4 +199,4 @@ def _stored_hz(link: FrameInfo) -> float:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(run_demo(_run))

@@ -8,13 +8,11 @@ The robots are processes that put on the network what nodes of rmw_zenoh put the
 
 from __future__ import annotations
 
-import socket
-import sys
 import time
 
 from demo_robot import page
-from demo_robot.processes import Child, ChildFailed, Children
-from zenoh_tf import StampedTransform, Transform, TransformException
+from demo_robot.processes import Child, ChildFailed, Children, run_demo
+from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
 ROBOTS = ("robot1", "robot2")
@@ -22,32 +20,9 @@ ROBOTS = ("robot1", "robot2")
 APART = 4.0
 
 
-def main() -> int:
-    start_s = time.monotonic()
-    try:
-        with Children() as children:
-            _run(children)
-    except KeyboardInterrupt:
-        print("\ninterrupted; all processes have ended", file=sys.stderr)
-        return 130
-    except (ChildFailed, TransformException) as error:
-        print(f"\nthe demo failed: {type(error).__name__}: {error}", file=sys.stderr)
-        return 1
-    print(page.faint(f"  All processes have ended; {time.monotonic() - start_s:.0f} s in all.\n"))
-    return 0
-
-
 def _run(children: Children) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     flags = ("--ros2", "--ros2-prefix", "namespace", "--ros2-shared", "map", "--ros2-publish")
-    server = children.start("zenoh_tf_server", "--listen", endpoint, *flags)
-    try:
-        client = TransformClient.connect(endpoint, timeout_s=10.0)
-    except TransformException:
-        server.check()  # the server's own error says more
-        raise
+    _, endpoint, client = children.start_server(*flags)
     with client as tf:
         robots = [
             children.start(
@@ -131,4 +106,4 @@ def _out(tf: TransformClient, children: Children, endpoint: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(run_demo(_run))

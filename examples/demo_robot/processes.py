@@ -1,16 +1,23 @@
-"""Child processes that end with the demo, however it ends."""
+"""A demo's child processes, which end with it, however it ends."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+from demo_robot import page
+from zenoh_tf import TransformException
+from zenoh_tf_client import TransformClient
 
 EXAMPLES = Path(__file__).resolve().parent.parent
 
@@ -108,6 +115,34 @@ class Children:
         child = Child(module, *args)
         self._children.append(child)
         return child
+
+    def start_server(self, *flags: str) -> tuple[Child, str, TransformClient]:
+        """Start a server; return it, its endpoint, and a client of it."""
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        server = self.start("zenoh_tf_server", "--listen", endpoint, *flags)
+        try:
+            return server, endpoint, TransformClient.connect(endpoint, timeout_s=10.0)
+        except TransformException:
+            server.check()  # the server's own error says more
+            raise
+
+
+def run_demo(demo: Callable[[Children], None]) -> int:
+    """Run a demo, and end its processes; return the exit status."""
+    start_s = time.monotonic()
+    try:
+        with Children() as children:
+            demo(children)
+    except KeyboardInterrupt:
+        print("\ninterrupted; all processes have ended", file=sys.stderr)
+        return 130
+    except (ChildFailed, TransformException) as error:
+        print(f"\nthe demo failed: {type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+    print(page.faint(f"  All processes have ended; {time.monotonic() - start_s:.0f} s in all.\n"))
+    return 0
 
 
 def _interrupt(*_: object) -> None:
