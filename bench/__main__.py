@@ -10,17 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import machine
-from bench.parts import (
-    asynchronous,
-    crowd,
-    estimate,
-    mirrors,
-    native,
-    readers,
-    reads,
-    sensors,
-    service,
-)
+from bench.parts import asynchronous, crowd, estimate, mirrors, native, reads, sensors, service
 from bench.report import Report
 
 #: The parts that need no Python package, together named "core".
@@ -36,7 +26,7 @@ PARTS = CORE | {
     "embedded": reads.embedded,
     "sensors": sensors.measure,
     "reads": reads.reads,
-    "readers": readers.measure,
+    "readers": reads.readers,
     "rows": service.rows,
     "waiting": service.waiting,
     "mirrors": mirrors.measure,

@@ -1,18 +1,22 @@
 """Calls from Python: of an embedded tree, a server's memory, a mirror, and by query; beside them a
-bare Zenoh query and tf2's Python binding."""
+bare Zenoh query and tf2's Python binding. Then processes that read a server's memory."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import itertools
+import json
 import subprocess
+import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import zenoh
 
+from bench.machine import Usage
 from bench.parts.chain import (
     CACHE_S,
     END_NS,
@@ -24,8 +28,8 @@ from bench.parts.chain import (
     next_row,
     us_per_call,
 )
-from bench.process import Process
-from bench.report import Report, Trial, equal_poses
+from bench.process import Process, serve
+from bench.report import Cell, Report, Trial, equal_poses
 from bench.server import (
     LOOKUP,
     Server,
@@ -36,7 +40,7 @@ from bench.server import (
     shared_client,
     stamped,
 )
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf_client import Mirror, TransformClient
 from zenoh_tf_client.requests import lookups
 from zenoh_tf_server.limits import Limits
@@ -74,6 +78,8 @@ NAMES: dict[str, Any] = {
 #: Calls of one trial: of a tree in memory, and of a server.
 CALLS, QUERIES = 20_000, 100
 BARE_KEY = "bench/bare"
+OWN, SHARED = "a tree of its own", "the server's memory"
+COMMITS_PER_S = 1000
 
 
 def embedded(report: Report) -> None:
@@ -191,3 +197,74 @@ def answer_bare(endpoint: str, reply_bytes: int) -> None:
             with queryable.handler.recv() as query:
                 bytes(query.payload or b"")
                 query.reply(zenoh.KeyExpr(BARE_KEY), reply)
+
+
+def readers(report: Report) -> None:
+    """Lookups a second of processes that read a server's memory at full rate, beside its commits,
+    and the cores that the server uses."""
+    seconds, ending = report.seconds(0.5), threading.Event()
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(Server())
+        tf = stack.enter_context(shared_client(server.endpoint))
+        fill(tf)
+        processes = {
+            system: [stack.enter_context(Process.of(read_at_full_rate, *where)) for _ in range(4)]
+            for system, where in ((OWN, ()), (SHARED, (server.endpoint,)))
+        }
+        writer = threading.Thread(target=_write, args=(tf, ending))
+        writer.start()
+        stack.callback(writer.join)
+        stack.callback(ending.set)
+        trial = functools.partial(_trial, server.pid, seconds)
+        cells = {(0, "none"): Cell({"reader processes": 0, "system": "none"}, lambda: trial([]))}
+        for count in (1, 2, 4):
+            for system, readers in processes.items():
+                labels = {"reader processes": count, "system": system}
+                run = functools.partial(trial, readers[:count])
+                cells[count, system] = Cell(labels, run)
+        report.measure(list(cells.values()))
+    for count in (1, 2, 4):
+        values = cells[count, SHARED].over(cells[count, OWN], "lookups_per_s")
+        report.target(f"{count} processes, server's memory to own tree", values, ">=", 1 / 1.5)
+
+
+def _trial(pid: int, seconds: float, readers: list[Process]) -> Trial:
+    with Usage(pid) as usage:
+        for reader in readers:
+            reader.send(seconds)
+        rates = [json.loads(reader.read_line()) for reader in readers]
+        if not readers:
+            time.sleep(seconds)
+    cores = {"server_cores": usage.cpu_s[0] / usage.took_s}
+    return cores | ({"lookups_per_s": sum(rates)} if rates else {})
+
+
+def _write(tf: TransformClient, ending: threading.Event) -> None:
+    """Commits two of the links that are read, together, at the rate."""
+    next_s, stamp_ns = time.monotonic(), END_NS
+    links, pose = (("map", "odom"), ("odom", "base_link")), Transform((1.0, 2.0, 3.0))
+    while not ending.is_set():
+        stamp_ns += 1_000_000_000 // COMMITS_PER_S
+        tf.set_transforms_xact([StampedTransform(*link, stamp_ns, pose) for link in links])
+        next_s += 1 / COMMITS_PER_S
+        time.sleep(max(0.0, next_s - time.monotonic()))
+
+
+def read_at_full_rate(*endpoint: str) -> None:
+    """Reads the memory of the server there, or a tree of its own. Answers a number of seconds with
+    its lookups a second meanwhile."""
+    tree: TransformTree | TransformClient
+    if endpoint:
+        tree = shared_client(*endpoint)
+    else:
+        fill(tree := TransformTree())
+
+    def lookups_per_s(seconds: str) -> float:
+        calls, begun_s = 0, time.perf_counter()
+        while time.perf_counter() - begun_s < float(seconds):
+            for _ in range(500):
+                tree.lookup_latest_transform_xact(TARGET, SOURCE)
+            calls += 500
+        return calls / (time.perf_counter() - begun_s)
+
+    serve(lookups_per_s)
