@@ -13,7 +13,7 @@ from bench.results import MARKER, Results
 from scripts import rooms
 from tests.mutation import fault_page
 from zenoh_tf.doctor import __main__ as doctor
-from zenoh_tf_server import limits
+from zenoh_tf_server import flags, limits
 from zenoh_tf_server.monitoring import metric_table
 
 from .repository import Repository, Violation
@@ -121,9 +121,10 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
     metrics = "zenoh_tf_server.monitoring.metric_table"
     for page, made, command in (
         ("docs/reference/limits.md", list(limits.table()), "zenoh_tf_server.limits"),
+        ("docs/reference/server.md", list(flags.page()), "zenoh_tf_server.flags"),
         ("docs/reference/metrics.md", list(metric_table.table()), metrics),
         ("docs/reference/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
-        ("docs/reference/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
+        ("tests/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
         ("docs/figures/rooms.svg", list(rooms.picture()), "scripts.rooms"),
     ):
         is_table = made[0].startswith("|")

@@ -1,6 +1,7 @@
 """The command-line flags of ``zenoh-tf-server`` and the settings that they give.
 
 A module with flags of its own adds them with a function `add_flags(parser)`, as `limit_flags` does.
+``python -m zenoh_tf_server.flags > docs/reference/server.md`` writes the page about them.
 """
 
 from __future__ import annotations
@@ -8,8 +9,10 @@ from __future__ import annotations
 import argparse
 import functools
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version
+from typing import Final
 
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
@@ -26,6 +29,16 @@ from .settings import ServerSettings
 from .state import state
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+
+_INTRODUCTION: Final = """\
+# Server flags
+
+`zenoh-tf-server --help` prints the same. Each flag may stand in the file of `--config` instead, by
+its name without dashes (`cache-time = "30s"`), at the top or in a section; only limits, access
+rules and limits of motion have sections of their own ([security](../how-to/security.md),
+[limits](limits.md), [estimates](../how-to/estimate.md)). DURATION and BYTES are
+[numbers with a unit](commands.md#times-durations-and-numbers).
+"""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -85,7 +98,7 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
         type=whole(1),
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
-        help="threads for each type of request (default: %(default)s)",
+        help="threads for each type of request (default: one per processor, 2 to 8)",
     )
 
 
@@ -213,3 +226,32 @@ def settings(options: argparse.Namespace) -> ServerSettings:
         motion_limits=options.motion_limits,
         replica_of=options.replica_of,
     )
+
+
+def page() -> Iterator[str]:
+    """The lines of docs/reference/server.md."""
+    yield from _INTRODUCTION.splitlines()
+    for group in parser()._action_groups:
+        rows = [_row(action) for action in group._group_actions]
+        if rows:
+            title, _, where = (group.title or "").partition(" (")
+            yield from ("", f"## {title[0].upper()}{title[1:]}", "")
+            if where:
+                yield from (f"See {_linked(where.rstrip(')'))}.", "")
+            yield from ("| flag | meaning |", "|---|---|", *rows)
+
+
+def _row(action: argparse.Action) -> str:
+    value = "" if action.nargs == 0 else action.metavar
+    optional = action.nargs == "?"
+    name = f"{action.option_strings[-1]} {f'[{value}]' if optional else value}".rstrip()
+    return f"| `{name}` | {_linked((action.help or '') % vars(action))} |"
+
+
+def _linked(text: str) -> str:
+    """Paths of pages as links from docs/reference."""
+    return re.sub(r"docs/([\w/-]*?([\w-]+)\.md)", r"[\2](../\1)", text)
+
+
+if __name__ == "__main__":
+    print("\n".join(page()))

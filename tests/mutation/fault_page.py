@@ -1,4 +1,4 @@
-"""The page of built-in faults: ``python -m tests.mutation.fault_page > docs/reference/faults.md``.
+"""The page of built-in faults: ``python -m tests.mutation.fault_page > tests/faults.md``.
 
 ``make lint`` compares the page with the tables.
 """
@@ -14,7 +14,7 @@ _INTRODUCTION = """\
 # Built-in faults
 
 A test that never fails proves little. So the slow tests build a copy of the core or of the server
-with each of these faults in turn, and must find it: see [testing](../explanation/testing.md). `make
+with each of these faults in turn, and must find it: see [testing](../docs/explanation/testing.md). `make
 test` checks that each fault still fits the code. This page is made from the tables of faults.
 """
 

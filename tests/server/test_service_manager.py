@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 import zenoh
+from ruamel.yaml import YAML
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
@@ -26,12 +27,16 @@ from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf._net.link_sockets import LinkSocket, LinkSockets
-from zenoh_tf_server import flags
+from zenoh_tf.text.flag_values import size
+from zenoh_tf_server import config_file, flags
+from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.monitoring import health, service_manager
 from zenoh_tf_server.transport.clients import Clients
 from zenoh_tf_server.transport.outbox_links import OutboxLinks
 
-UNIT = Path(__file__).resolve().parents[2] / "server/systemd/zenoh-tf-server.service"
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = ROOT / "server/systemd/zenoh-tf-server.service"
+DOCKER = ROOT / "docker"
 
 
 @pytest.fixture
@@ -211,6 +216,25 @@ def test_the_units_flags_are_flags_of_the_server() -> None:
     options = flags.parser().parse_args(arguments)
     flags.complete(flags.parser(), options)
     assert options.log_format == "json" and options.metrics
+
+
+def test_a_server_reaches_its_limits_before_the_kernel_kills_it() -> None:
+    """The unit and the compose files allow more memory than the server's own limits do."""
+    limits = Limits()
+    queued = limits.pending_bytes + limits.all_unread_reply_bytes + limits.put_queues_bytes
+    kept = limits.outcome_bytes + limits.change_log_bytes + limits.stream_bytes
+    service = unit()["Service"]
+    deployed = [(service["ExecStart"].split()[1:], service["MemoryMax"])]
+    base, *others = (
+        YAML(typ="safe").load(DOCKER / name)["services"]["server"]
+        for name in ("compose.yaml", "compose.monitoring.yaml", "compose-ros2.yaml")
+    )
+    deployed += [(each["command"], base["mem_limit"]) for each in (base, *others)]
+    secured = YAML(typ="safe").load(DOCKER / "compose-tls.yaml")["services"]["server"]
+    deployed.append((["--config", str(DOCKER / "server-tls.toml")], secured["mem_limit"]))
+    for arguments, allowed in deployed:
+        options = config_file.parse_arguments(flags.parser(), arguments)
+        assert options.max_memory + queued + kept < size(1)(allowed.upper()), arguments
 
 
 def test_the_unit_is_valid(tmp_path: Path) -> None:
