@@ -49,7 +49,9 @@ _STATS: Final = (
     _gauge("static_links", "static links in the tree"),
     _gauge("samples", "samples of all dynamic links"),
     _gauge(
-        "tree_memory_bytes", "bytes of all samples, with the memory that waits for further ones", key="memory_bytes"
+        "tree_memory_bytes",
+        "bytes of all samples, with the memory that waits for further ones",
+        key="memory_bytes",
     ),
     _gauge("waiting_lookups", "lookups that wait for a transform", key="waiters"),
     _gauge("queued_queries", "queries that wait for a worker", key="pending_queries"),

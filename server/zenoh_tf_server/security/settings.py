@@ -147,6 +147,8 @@ def _joining(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Securi
     if options.replica_of and bool(options.users) != bool(options.user):
         missing = "user" if options.users else "users"
         _reject(missing, "is missing: a replica whose primary asks for users asks for them, too")
+    if rules and options.replica_of:
+        _reject("access", "rules of a replica are those of the primary: write them there")
     if rules:
         _reject("access", "rules work with --listen only: configure the network's routers")
     given = _credentials(options)
