@@ -14,8 +14,8 @@ _INTRODUCTION = """\
 # Built-in faults
 
 A test that never fails proves little. So the slow tests build a copy of the core or of the server
-with each of these faults in turn, and must find it: see [testing](../docs/explanation/testing.md). `make
-test` checks that each fault still fits the code. This page is made from the tables of faults.
+with each of these faults in turn, and must find it: see [testing](../docs/explanation/testing.md).
+`make test` checks that each fault still fits the code. This page is made from the tables of faults.
 """
 
 _CORE = """
