@@ -174,7 +174,7 @@ class Limits:
     stream_bytes: int = _limit(
         64 << 20,
         "bytes of the stream's latest messages, kept for mirrors that missed some",
-        "the oldest is forgotten, and a mirror that missed it loads a new snapshot",
+        "the oldest is evicted, and a mirror that missed it loads a new snapshot",
     )
     interests: int = _limit(
         1024,
