@@ -32,6 +32,7 @@ MOTION_LIMITS: Final = (
     "max_accel_m_s2",
     "max_rate_rad_s",
     "max_rate_accel_rad_s2",
+    "max_clock_error_s",
 )
 
 
@@ -331,12 +332,14 @@ class TreeEstimates(_core.Tree):
         max_accel_m_s2: float | None = None,
         max_rate_rad_s: float | None = None,
         max_rate_accel_rad_s2: float | None = None,
+        max_clock_error_s: float | None = None,
     ) -> None:
         """Declare what the link to a frame can do at most, for `estimate_transform`.
 
         The bounds of an estimate are then at least what the limits allow in the time that the link
         is carried on. If all links that move have limits of both kinds, the bounds are guaranteed.
-        Replaces all limits of the frame; without any it has none.
+        The error of a clock adds what the link moves in that time; if it is declared, a guarantee
+        needs limits of speed and rate. Replaces all limits of the frame; without any it has none.
 
         Args:
             child: The link's child, which need not exist yet.
@@ -344,15 +347,22 @@ class TreeEstimates(_core.Tree):
             max_accel_m_s2: Acceleration of its origin, metres per second squared.
             max_rate_rad_s: Angular velocity, radians per second.
             max_rate_accel_rad_s2: Angular acceleration, radians per second squared.
+            max_clock_error_s: By how many seconds the clock that stamps the link's samples may be
+                ahead or behind; finite, and 0 if left out.
 
         Raises:
-            InvalidArgumentException: The name is invalid, or a limit is negative.
+            InvalidArgumentException: The name is invalid, a limit is negative, or the error of the
+                clock not finite.
 
         Example:
             `tree.set_motion_limits("base_link", max_speed_m_s=1.0, max_rate_rad_s=1.5)`
         """
         limits = (max_speed_m_s, max_accel_m_s2, max_rate_rad_s, max_rate_accel_rad_s2)
-        for field, limit in zip(MOTION_LIMITS, limits, strict=True):
+        clock_error_s = 0.0 if max_clock_error_s is None else max_clock_error_s
+        for field, limit in zip(MOTION_LIMITS, (*limits, clock_error_s), strict=True):
             if limit is not None and not limit >= 0:
                 raise must_be(field, "0 or more", limit)
-        self._set_motion_limits(child, *(math.inf if limit is None else limit for limit in limits))
+        if math.isinf(clock_error_s):
+            raise must_be("max_clock_error_s", "finite", clock_error_s)
+        speed, accel, rate, rate_accel = (math.inf if each is None else each for each in limits)
+        self._set_motion_limits(child, speed, accel, rate, rate_accel, clock_error_s)

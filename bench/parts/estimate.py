@@ -27,11 +27,12 @@ HISTORY_S, ASKED_S, QUESTIONS, SEEDS = 620.0, 120.0, 1_400, 3
 LEAST_M = 0.002
 
 
-#: The limits of the base's motion that are declared.
+#: What is declared of the base's motion and of the clock of its samples.
 SYSTEMS: dict[str, dict[str, float]] = {
     "estimate": {},
     "estimate, limits": dict.fromkeys(("max_speed_m_s", "max_accel_m_s2", "max_rate_rad_s"), 1.0)
     | {"max_rate_accel_rad_s2": 2.0},
+    "estimate, clock": {"max_clock_error_s": 0.02},
 }
 
 

@@ -3,6 +3,7 @@
 [motion_limits.base_link]
 max_speed_m_s = 1.0
 max_rate_rad_s = 1.5
+max_clock_error_s = 0.005
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ EVERY_OPTION = wire.Lookup(
 INTEREST = wire.Interest.of([("map", "base"), ("ärm/1", "base")], 100, 5)
 WRITE = {"id": ID, "expires_ns": 1 << 40, "instance": INSTANCE}
 SETTINGS = wire.TreeSettings(10_000_000_000, 1000, 100, 255, 0)
-LIMITS = wire.TreeSettings(10**10, 1000, 100, 255, 0, {"base": (1.0, 2.5, 0.0, 4.0)})
+LIMITS = wire.TreeSettings(10**10, 1000, 100, 255, 0, {"base": (1.0, 2.5, 0.0, 4.0, 0.5)})
 LIMITED = wire.SnapshotPlan(9, True, np.array([0, 5, 9], np.uint32), LIMITS, 1 << 40)
 #: Of errors that are newer than the first of them.
 NEW_FACTS = {"error_m": 0.5, "error_rad": 0.25, "by_ns": 3}

@@ -176,6 +176,6 @@ def test_limits_of_motion_have_room_in_one_message(tmp_path: Path) -> None:
         return f"[motion_limits]\n{frames}"
 
     limits = parse(tmp_path, text(200)).motion_limits
-    columns = {child: (1.0, 1.0, 1.0, 1.0) for child in limits}
+    columns = {child: (1.0, 1.0, 1.0, 1.0, 1.0) for child in limits}
     assert len(handover.message("main", "one", Limits().as_dict(), columns)) < 1 << 16
     assert "motion_limits must be of 200 frames at most" in refused(tmp_path, text(201))

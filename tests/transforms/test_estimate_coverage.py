@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from bench.parts.estimate import SYSTEMS, ask, within
-from bench.trajectories import AT_REST, LOSING, SCENARIOS, STARTS_EVERY_S, Array, Scenario, errors
+from bench.trajectories import (
+    AT_REST,
+    LOSING,
+    SCENARIOS,
+    STARTS_EVERY_S,
+    Array,
+    Scenario,
+    driven,
+    errors,
+)
 from tests.support import recorded
 from zenoh_tf import ForwardExtrapolationException, TransformTree
 
@@ -56,6 +65,17 @@ def test_history_does_not_know_a_start_but_declared_limits_do() -> None:
     assert within(history).mean() < 0.9
     limits = ask(scenario, times_s, (0.9,), 10.0, **SYSTEMS["estimate, limits"])[0.9]
     assert within(limits).all()
+
+
+@pytest.mark.parametrize("clock_s", [0.02, -0.02])
+def test_history_does_not_know_a_wrong_clock_but_its_declared_error_does(clock_s: float) -> None:
+    rng = np.random.default_rng(8)
+    scenario = Scenario("clock", driven(rng, 120.0, clock_s))
+    times_s = np.sort(rng.uniform(15, 119, QUESTIONS))
+    assert within(ask(scenario, times_s, (0.9,), 10.0)[0.9]).mean() < 0.8
+    declared = ask(scenario, times_s, (0.9,), 10.0, **SYSTEMS["estimate, clock"])[0.9]
+    check(declared)
+    assert np.median(declared[:, 2]) <= 4 * np.quantile(declared[:, 0], 0.9)
 
 
 @recorded.needs_recording

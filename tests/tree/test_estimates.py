@@ -272,37 +272,6 @@ def test_stamps_ahead_of_the_clock_have_errors() -> None:
     assert later["error_m"] < 1e-6
 
 
-def test_limits_of_motion_are_a_guarantee() -> None:
-    """A base at rest may start: only limits know how fast."""
-    tree = moving(lambda _: Transform((1, 0, 0)))
-    stamp_ns = END_NS + 100 * MS
-    assert tree.estimate_transform("map", "base", stamp_ns).error_m < 1e-6
-    tree.set_motion_limits("base", max_speed_m_s=2.0, max_rate_rad_s=0.5)
-    found = tree.estimate_transform("map", "base", stamp_ns, level=0.9999)
-    assert found.error_m == pytest.approx(0.2) and found.error_rad == pytest.approx(0.05)
-    assert found.basis == "limits" and found.level == 0.9999
-    tree.set_transform(StampedTransform("base", "tip", 0, Transform((3, 0, 0))), static=True)
-    tip = tree.estimate_transform("map", "tip", stamp_ns)
-    assert tip.error_m == pytest.approx(0.2 + 6 * math.sin(0.025))
-    tree.set_motion_limits("base", max_speed_m_s=2.0)
-    partly = tree.estimate_transform("map", "base", stamp_ns)
-    assert partly.basis == "backtest" and partly.error_m == pytest.approx(0.2)
-    tree.set_motion_limits("base")
-    assert tree.estimate_transform("map", "base", stamp_ns).error_m < 1e-6
-    with pytest.raises(InvalidArgumentException) as caught:
-        tree.set_motion_limits("base", max_rate_rad_s=-1.0)
-    assert caught.value.field == "max_rate_rad_s"
-
-
-def test_limits_of_acceleration_hold() -> None:
-    """The hardest braking that the limits allow, from 1 m/s, is within the bound."""
-    tree = moving(lambda seconds: Transform((seconds, 0, 0)))
-    tree.set_motion_limits("base", max_accel_m_s2=4.0, max_rate_rad_s=0.0)
-    found = tree.estimate_transform("map", "base", END_NS + 100 * MS)
-    braked = Transform((0.1 - 0.5 * 4.0 * 0.1**2, 0, 0))
-    assert off(found, braked) <= found.error_m < 0.04 and found.basis == "limits"
-
-
 def test_many_rows() -> None:
     tree = TransformTree()
     fill(tree, END_NS)

@@ -121,6 +121,12 @@ class Estimates:
         radius_m: float,
     ) -> EstimateColumns: ...
     def _set_motion_limits(  # inf: none
-        self, child: str, speed: float, accel: float, rate: float, rate_accel: float
+        self,
+        child: str,
+        speed: float,
+        accel: float,
+        rate: float,
+        rate_accel: float,
+        clock_error: float,
     ) -> None: ...
-    def _motion_limits(self) -> dict[str, tuple[float, float, float, float]]: ...
+    def _motion_limits(self) -> dict[str, tuple[float, float, float, float, float]]: ...

@@ -109,7 +109,13 @@ class SharedTree:
         radius_m: float,
     ) -> dict[str, Any] | AskServer: ...
     def _set_motion_limits(
-        self, child: str, speed: float, accel: float, rate: float, rate_accel: float
+        self,
+        child: str,
+        speed: float,
+        accel: float,
+        rate: float,
+        rate_accel: float,
+        clock_error: float,
     ) -> None: ...
     def _read_rows(
         self,

@@ -42,8 +42,9 @@ _COLUMNS: Final[tuple[tuple[str, np.dtype[Any], int], ...]] = (
 ESTIMATE_BYTES: Final = sum(dtype.itemsize * width for _, dtype, width in _COLUMNS)
 
 #: By the child of a link its speed, acceleration, angular velocity and angular acceleration, at
-#: most, in m, s and rad; infinite where there is no limit.
-MotionLimits = Mapping[str, tuple[float, float, float, float]]
+#: most, in m, s and rad; infinite where there is no limit. And by how many seconds the clock that
+#: stamps it may be off.
+MotionLimits = Mapping[str, tuple[float, float, float, float, float]]
 
 
 @dataclass(slots=True)
@@ -114,7 +115,7 @@ def parse_motion_limits(message: Message) -> MotionLimits:
     if "motion_limits" not in message:
         return {}
     fields = mapping(message, "motion_limits")
-    limits = {child: column(fields, child, F64, 4) for child in fields}
+    limits = {child: column(fields, child, F64, 5) for child in fields}
     if not all((values >= 0).all() for values in limits.values()):
         raise malformed("motion_limits", "numbers, 0 or more")
     return {child: tuple(values.tolist()) for child, values in limits.items()}

@@ -135,6 +135,10 @@ TEST(limits_bound_what_a_link_may_do) {
   const MotionLimits accel{.speed = 2, .accel = 3, .rate = 0};
   CHECK_NEAR(deviation(link, Predictor::twist_1, at_x(0.1), accel).metres, 0.0225, 1e-12);
   CHECK(std::isinf(deviation(link, Predictor::hold, at_x(0), MotionLimits{}).metres));
+  const MotionLimits clock{.speed = 2, .rate_accel = 1, .clock_error = 0.05};
+  CHECK_NEAR(clock_deviation(link, clock).metres, 0.1, 1e-12);
+  CHECK(std::isinf(clock_deviation(link, clock).radians));
+  CHECK_NEAR(clock_deviation(link, speed).metres, 0, 0);
   link.kind = LinkNow::Kind::between;
   link.newer = {100'000'000, at_x(0.1)};
   link.elapsed = 5e7;

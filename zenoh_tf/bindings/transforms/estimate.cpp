@@ -61,14 +61,16 @@ nb::dict estimate_record(const AnyTree& tree, nb::handle target, nb::handle sour
 
 template <class AnyTree>
 void set_motion_limits(AnyTree& tree, nb::handle child, double speed, double accel, double rate,
-                       double rate_accel) {
-  tree.set_motion_limits(frame_name_of(child, "child"), {speed, accel, rate, rate_accel});
+                       double rate_accel, double clock_error) {
+  tree.set_motion_limits(frame_name_of(child, "child"),
+                         {speed, accel, rate, rate_accel, clock_error});
 }
 
 nb::dict motion_limits(const Tree& tree) {
   nb::dict out;
   for (const auto& [child, limits] : tree.all_motion_limits())
-    out[str_of(child)] = nb::make_tuple(limits.speed, limits.accel, limits.rate, limits.rate_accel);
+    out[str_of(child)] = nb::make_tuple(limits.speed, limits.accel, limits.rate, limits.rate_accel,
+                                        limits.clock_error);
   return out;
 }
 
@@ -98,7 +100,7 @@ void bind_estimate(nb::class_<T>& tree) {
            nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"), nb::arg("max_by_ns"),
            nb::arg("radius_m"));
   tree.def("_set_motion_limits", &set_motion_limits<T>, nb::arg("child"), nb::arg("speed"),
-           nb::arg("accel"), nb::arg("rate"), nb::arg("rate_accel"));
+           nb::arg("accel"), nb::arg("rate"), nb::arg("rate_accel"), nb::arg("clock_error"));
   if constexpr (std::is_same_v<T, Tree>) tree.def("_motion_limits", &motion_limits);
 }
 template void bind_estimate(nb::class_<Tree>&);

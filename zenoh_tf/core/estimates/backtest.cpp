@@ -53,6 +53,37 @@ class Products {
   std::vector<Pose> truth, guess;
 };
 
+// What wrong clocks add to the errors of the path. No residual shows it, as stamps are compared
+// with stamps: the truth of a backtest is what the clocks say. The real pose is off from that by
+// what each link moves while its clock is wrong, whatever the predictor. So this is added to the
+// residual of each instant, and the quantile of the sums holds at the level: clocks of several
+// links may be off in different directions, so their parts are added as well.
+class ClockErrors {
+ public:
+  // Of a link before the later factors are known: `child` is the link's child in the target.
+  void add(std::size_t i, const Residual& by_clock, const Pose& child) {
+    parts_.push_back({i, by_clock, {child.x, child.y, child.z}});
+  }
+  // A link's rotation moves the source by its distance from the link's child.
+  void apply(std::span<const Pose> source, std::span<Residual> errors) const noexcept {
+    for (const Part& part : parts_) {
+      const Pose& at = source[part.instant];
+      const double arm = norm({at.x - part.child.x, at.y - part.child.y, at.z - part.child.z});
+      errors[part.instant].metres +=
+          part.moved.metres + 2 * std::sin(0.5 * part.moved.radians) * arm;
+      errors[part.instant].radians += part.moved.radians;
+    }
+  }
+
+ private:
+  struct Part {
+    std::size_t instant;
+    Residual moved;
+    Vec3 child;
+  };
+  std::vector<Part> parts_;
+};
+
 }  // namespace
 
 Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* before) {
@@ -63,6 +94,7 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
   std::vector<Residual> errors(instants);
   std::vector<double> values(instants);
   Products products(instants);
+  ClockErrors clocks;
   const Case* next = cases.cases.data();
   const double lag_s = static_cast<double>(longest_lag(path)) * 1e-9;
   const std::size_t newest = newest_within(cases.age_s, newest_window_s(lag_s));
@@ -79,8 +111,12 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
       predictors[l] = choose(of_link, newest, before ? &before->predictors[l] : nullptr);
     for (std::size_t i = 0; i < instants; ++i) {
       const Pose guess = predict_case(predictors[l], of_link[i]);
-      errors[i] = residual_between(of_link[i].truth, guess);
+      const Residual r = residual_between(of_link[i].truth, guess), &by = of_link[i].by_clock;
+      errors[i] = {r.metres + by.metres, r.radians + by.radians};
+      const bool wrong_clock = link.clock_error > 0;
+      if (wrong_clock && link.inverted) clocks.add(i, by, products.truth[i]);
       products.multiply(i, link.inverted, of_link[i].truth, guess);
+      if (wrong_clock && !link.inverted) clocks.add(i, by, products.truth[i]);
     }
     for (std::size_t i = 0; i < instants; ++i) values[i] = errors[i].metres;
     own[l].metres = quantile(values, kQuantile);
@@ -89,6 +125,7 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
   }
   for (std::size_t i = 0; i < instants; ++i)
     errors[i] = residual_between(products.truth[i], products.guess[i]);
+  clocks.apply(products.truth, errors);
 
   // A link's rotation moves the source by its distance from the link's child.
   std::vector<double> shares(links);

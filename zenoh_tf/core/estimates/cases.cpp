@@ -72,7 +72,8 @@ std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& 
     const std::uint32_t before = link.kind == LinkNow::Kind::carried
                                      ? std::min(kTwistSteps[kTwists - 1], run->size() / 4)
                                      : 0;
-    begin = std::max(begin, time_after(run->stamp(before), longest_lag(lag_bucket(link.lag))));
+    const Stamp lag = longest_lag(lag_bucket(link.lag));
+    begin = std::max(begin, time_after(run->stamp(before), std::max(lag, link.clock_error)));
     end = std::min(end, run->newest());
     ++run;
   }
@@ -99,6 +100,21 @@ std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& 
   return times;
 }
 
+namespace {
+
+// A clock that is off by some time shows the pose of that time before or after. So the link was
+// wrong by what it moved within it: the larger one of both directions, of one for the newest.
+Residual moved_within(const SampleRun& run, Stamp error, Stamp time, const Pose& truth) noexcept {
+  Residual most{0, 0};
+  for (const Stamp other : {time_before(time, error), time_after(time, error)}) {
+    const Residual r = residual_between(truth, run.pose_at(other, run.last_at(other, 0)));
+    most = {std::max(most.metres, r.metres), std::max(most.radians, r.radians)};
+  }
+  return most;
+}
+
+}  // namespace
+
 void copy_link_cases(const SampleRun& run, const LinkNow& link, std::span<const Stamp> times,
                      Case* out) noexcept {
   using Kind = LinkNow::Kind;
@@ -108,6 +124,9 @@ void copy_link_cases(const SampleRun& run, const LinkNow& link, std::span<const 
     Case& c = out[i];
     const Stamp time = times[i];
     at = run.last_at(time, at);
+    c.by_clock = {0, 0};
+    if (link.clock_error > 0)
+      c.by_clock = moved_within(run, link.clock_error, time, run.pose_at(time, at));
     if (link.kind == Kind::between) {
       const std::uint32_t left_out = std::clamp(at, 1u, run.size() - 2);
       const Stamp from = run.stamp(left_out - 1), to = run.stamp(left_out + 1);

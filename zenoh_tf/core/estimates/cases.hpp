@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "estimates/path.hpp"
+#include "geometry/screw.hpp"
 
 namespace ztf {
 
@@ -31,6 +32,7 @@ struct Case {
   Pose truth, last;  // last: what the question would have had, to hold or to carry on
   std::array<Pose, kTwists> before;
   std::array<double, kTwists> ratios;  // the time from `last` by that from `before` to `last`
+  Residual by_clock;  // how far the link went in the time by which its clock may be off
 };
 
 struct Cases {

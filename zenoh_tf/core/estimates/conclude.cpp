@@ -99,10 +99,13 @@ void apply_limits(const EstimateQuery& q, const PathNow& path, const Backtest* b
     const Predictor predictor = predictor_of(backtest, i);
     const Pose& pose = poses.begin()[i];
     if (link.inverted) to_source = inverse(pose) * to_source;
-    Residual r = deviation(link, predictor, pose, limits[i]);
-    all &= r.metres < kInfinite && r.radians < kInfinite;
-    if (r.metres == kInfinite) r.metres = 0;
-    if (r.radians == kInfinite) r.radians = 0;
+    Residual r{0, 0};
+    for (const Residual& part :
+         {deviation(link, predictor, pose, limits[i]), clock_deviation(link, limits[i])}) {
+      all &= part.metres < kInfinite && part.radians < kInfinite;
+      if (part.metres < kInfinite) r.metres += part.metres;
+      if (part.radians < kInfinite) r.radians += part.radians;
+    }
     // The links after this one may be off, too, and so may the arm be longer.
     const double arm = norm({to_source.x, to_source.y, to_source.z}) + metres;
     shares[i] = r.metres + chord(r.radians) * arm;
@@ -140,7 +143,7 @@ bool is_too_far(const EstimateQuery& query, const PathNow& path, Failure& failur
 
 bool may_err(const PathNow& path) noexcept {
   return std::any_of(path.links.begin(), path.links.end(), [](const LinkNow& link) {
-    return link.kind != Kind::fixed && link.kind != Kind::exact;
+    return link.kind != Kind::fixed && (link.kind != Kind::exact || link.clock_error > 0);
   });
 }
 

@@ -43,6 +43,7 @@ void MotionLimitTable::set(std::string_view child, const MotionLimits& limits) {
   else if (const auto at = limits_.find(child); at != limits_.end())
     limits_.erase(at);
   size_.store(limits_.size(), std::memory_order_release);
+  version_.fetch_add(1, std::memory_order_acq_rel);
 }
 
 MotionLimits MotionLimitTable::find(std::string_view child) const {
@@ -77,6 +78,11 @@ Residual deviation(const LinkNow& link, Predictor predictor, const Pose& carried
   const Residual by_speed{product(limits.speed, time) + norm(minus(carried, last)),
                           product(limits.rate, time) + turn_between(carried, last)};
   return {std::min(by_speed.metres, by_accel.metres), std::min(by_speed.radians, by_accel.radians)};
+}
+
+Residual clock_deviation(const LinkNow& link, const MotionLimits& limits) noexcept {
+  if (link.kind == LinkNow::Kind::fixed || !(limits.clock_error > 0)) return {0, 0};
+  return {product(limits.speed, limits.clock_error), product(limits.rate, limits.clock_error)};
 }
 
 }  // namespace ztf

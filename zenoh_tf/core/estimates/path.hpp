@@ -43,6 +43,10 @@ inline Stamp time_after(Stamp stamp, Stamp by) noexcept {
   return stamp > std::numeric_limits<Stamp>::max() - by ? std::numeric_limits<Stamp>::max()
                                                         : stamp + by;
 }
+inline Stamp time_before(Stamp stamp, Stamp by) noexcept {
+  return stamp < std::numeric_limits<Stamp>::min() + by ? std::numeric_limits<Stamp>::min()
+                                                        : stamp - by;
+}
 
 // One link. Static links have a pose only.
 struct LinkNow {
@@ -64,6 +68,7 @@ struct LinkNow {
   StampedPose older, newer;                 // the samples that give the pose
   double elapsed;                           // ns from the older one to the time
   std::array<StampedPose, kTwists> before;  // carried: kTwistSteps before the newest, or the oldest
+  Stamp clock_error = 0;                    // ns by which its stamps may be off, as declared
   Stamp run_begin, run_before;  // stamps at which the newest pose, and the one before, first came;
                                 // kNoStamp unless both came repeatedly
 
@@ -116,7 +121,7 @@ void copy_link(const Access& access, const PathStep& step, Stamp time, LinkNow& 
     return StampedPose{sample.stamp.load(std::memory_order_acquire), sample.pose.load()};
   };
   link.older = copy(*step.interval.older);
-  link.beyond = link.lag = 0;
+  link.beyond = link.lag = link.clock_error = 0;
   link.run_begin = kNoStamp;
   link.oldest = oldest_served_stamp(frame);
   link.newest = frame.latest.stamp.load(acquire);
