@@ -95,6 +95,22 @@ def test_a_link_whose_clock_is_ahead() -> None:
     assert "is 2.9 s ahead of the clock" in found.reasons[1]
 
 
+def test_a_localisation_that_stamps_ahead_on_purpose() -> None:
+    tree = TransformTree()
+    put(tree, "map", "odom", *(1 + n / 10 for n in range(100)), authority="amcl")
+    put(tree, "odom", "base", *(n / 10 for n in range(100)), authority="wheels")
+    for at_s in (None, 9.95, 0.2):
+        found = explained(tree, "map", "base", at_s, now_s=9.95)
+        purpose = "950 ms ahead of the clock, but those of the odometry below it are not"
+        assert any("'map' -> 'odom'" in each and purpose in each for each in found.reasons)
+        assert not any("Check the clock" in each for each in found.advice)
+    assert "If 'amcl' is no localisation, its clock is ahead" in found.advice[-1]
+    assert "has a history of 9.9 s" in found.advice[0]
+    put(tree, "base", "tip", *(n / 10 for n in range(110)), authority="arm")
+    odometry = explained(tree, "odom", "tip", 9.95, now_s=9.95)
+    assert "on purpose" not in str(odometry)
+
+
 def test_a_time_that_has_not_come(tree: TransformTree) -> None:
     for now_s in (10, 60):  # also if links have stopped meanwhile
         found = explained(tree, "map", "arm", now_s + 3600, now_s=now_s)

@@ -7,14 +7,12 @@ from typing import Final
 
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.words import Evidence, authority, samples, times, window
+from zenoh_tf.introspection.frame_info import AHEAD_S, is_post_dated
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
-#: A clock is wrong if stamps lead by more; being late by less may be the delay of messages.
-_AHEAD_S: Final = 0.1
+#: A clock that is late by more is wrong; less may be the delay of messages.
 _BEHIND_S: Final = 1.0
-#: A localisation stamps its corrections ahead by less than this (AMCL: 1 s), and repeats this part
-#: of them.
-_POST_DATED_S: Final = 2.0
+#: A localisation that stamps its corrections ahead repeats this part of them.
 _REPEATED_POSES: Final = 0.3
 #: Samples that show how far a link's stamps are from their arrivals.
 _LEAST: Final = 5
@@ -66,7 +64,7 @@ def future_stamps(facts: TreeFacts) -> Evidence:
     for link in facts.dynamic:
         lead_ns = (link.frame.newest_stamp_ns or 0) - reference
         timing = None if link.seen is None else link.seen.timing
-        if timing is not None and timing.strays and timing.stray_lead_ns > _AHEAD_S * 1e9:
+        if timing is not None and timing.strays and timing.stray_lead_ns > AHEAD_S * 1e9:
             yield (
                 link.frame.name,
                 f"{timing.strays:,} of its {samples(timing.arrivals)} had a stamp far from those "
@@ -76,7 +74,7 @@ def future_stamps(facts: TreeFacts) -> Evidence:
         elif (stray := _cleared_stray(facts, link)) is not None:
             yield link.frame.name, stray
         elif (
-            lead_ns > _AHEAD_S * 1e9
+            lead_ns > AHEAD_S * 1e9
             and not is_of_other_epoch(facts, link)
             and not _is_post_dated(facts, link)
         ):
@@ -212,7 +210,7 @@ def _cleared_stray(facts: TreeFacts, link: LinkFacts) -> str | None:
     if jump is None or ago_s is None:
         return None
     lead_ns = jump.newest_stamp_ns - jump.at_ns
-    if not _AHEAD_S * 1e9 < lead_ns < CLOCK_RANGE_S * 10**9:
+    if not AHEAD_S * 1e9 < lead_ns < CLOCK_RANGE_S * 10**9:
         return None
     return (
         f"a stamp was {age(lead_ns)} ahead of the clock {age(max(0, round(ago_s * 1e9)))} ago, and "
@@ -224,19 +222,19 @@ def _cleared_stray(facts: TreeFacts, link: LinkFacts) -> str | None:
 def _is_post_dated(facts: TreeFacts, link: LinkFacts) -> bool:
     """Whether a localisation stamps its last correction ahead on purpose: it repeats a pose above
     odometry whose stamps are not ahead."""
-    lead_ns = (link.frame.newest_stamp_ns or 0) - facts.reference[0]
-    if link.seen is None or not _AHEAD_S * 1e9 < lead_ns < _POST_DATED_S * 1e9:
+    if link.seen is None or link.seen.motion.still_part <= _REPEATED_POSES:
         return False
-    return link.seen.motion.still_part > _REPEATED_POSES and any(
-        below.frame.parent == link.frame.name
-        and (below.frame.newest_stamp_ns or 0) - facts.reference[0] < _AHEAD_S * 1e9
-        for below in facts.dynamic
-    )
+    below = (each for each in facts.dynamic if each.frame.parent == link.frame.name)
+    return is_post_dated(_lead_s(facts, link), (_lead_s(facts, each) for each in below))
+
+
+def _lead_s(facts: TreeFacts, link: LinkFacts) -> float:
+    return ((link.frame.newest_stamp_ns or 0) - facts.reference[0]) / 1e9
 
 
 def _is_off(least_s: float, greatest_s: float) -> bool:
     # Stamps of a simulation or a recording are of no clock.
-    return _AHEAD_S < least_s < CLOCK_RANGE_S or -CLOCK_RANGE_S < greatest_s < -_BEHIND_S
+    return AHEAD_S < least_s < CLOCK_RANGE_S or -CLOCK_RANGE_S < greatest_s < -_BEHIND_S
 
 
 def _lead(least_s: float, greatest_s: float) -> str:

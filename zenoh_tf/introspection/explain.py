@@ -250,14 +250,17 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
         stopped = [link for link in found.links if link.stopped]
         ahead = [link for link in found.links if sentences.is_ahead(link, found)]
         reasons += [sentences.stopped(link, found.by_clock) for link in stopped]
-        reasons += [sentences.ahead(link) for link in ahead]
+        reasons += [sentences.ahead(link, found) for link in ahead]
         too_old = [link for link in farthest_first if link.problem == "too_old"]
-        advice += [sentences.wrong_clock(link) for link in ahead]
-        if too_old and not any(sentences.is_ahead(link, found) for link in too_old):
+        wrong = [link for link in ahead if not sentences.is_ahead_on_purpose(link, found)]
+        advice += [sentences.wrong_clock(link) for link in wrong]
+        unsure = [link for link in ahead if link not in wrong]
+        if too_old and not any(link in wrong for link in too_old):
             advice.append(sentences.too_late(too_old[0]))
         if any(link.problem == "too_new" and not link.stopped for link in failing):
             advice.append(sentences.TOO_EARLY)
         advice += [sentences.restart(link) for link in stopped]
+        advice += [sentences.no_localisation(link) for link in unsure]
     if found.stamp_ns is not None and {"too_new", "too_old"} <= {link.problem for link in failing}:
         reasons.append("No time around it suits all links.")
     return replace(
@@ -302,7 +305,7 @@ def _answered(found: Explanation, reference: int) -> Explanation:
             reasons.append(sentences.stopped(link, found.by_clock))
             advice.append(sentences.restart(link))
         elif sentences.is_ahead(link, found):
-            reasons.append(sentences.ahead(link))
+            reasons.append(sentences.ahead(link, found))
         elif link.samples == 1:
             reasons.append(
                 f"{sentences.name(link)} has a single sample: lookups at other times fail."

@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
 #: Two bits of a version are the lock's (`zenoh_tf/core/records/lock_words.hpp`).
 _VERSIONS_PER_COMMIT: Final = 4
+
+
+#: Stamps that lead the clock by less are no sign of a wrong one: it is the delay of messages.
+AHEAD_S: Final = 0.1
+#: A localisation stamps its corrections ahead by less than this (AMCL: 1 s).
+_POST_DATED_S: Final = 2.0
+
+
+def is_post_dated(lead_s: float, leads_below_s: Iterable[float]) -> bool:
+    """Return whether stamps may lead on purpose: a localisation such as AMCL stamps ahead its
+    corrections of an odometry whose stamps are not ahead.
+
+    Args:
+        lead_s: By how much the newest stamp of the link leads the clock, seconds.
+        leads_below_s: The same of the dynamic links whose parent is the link's child.
+    """
+    return AHEAD_S < lead_s < _POST_DATED_S and any(below_s < AHEAD_S for below_s in leads_below_s)
 
 
 @dataclass(frozen=True, slots=True)

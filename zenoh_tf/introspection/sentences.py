@@ -6,12 +6,10 @@ from collections.abc import Iterable
 from typing import Final
 
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
-from zenoh_tf.introspection.frame_info import FrameInfo
+from zenoh_tf.introspection.frame_info import AHEAD_S, FrameInfo, is_post_dated
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
-#: A time so far ahead of the clock is of another clock; less is the delay of messages.
-_AHEAD_NS: Final = 100_000_000
 #: A time so far after all stamps, which are of another clock, has not come.
 _NOT_COME_NS: Final = 1_000_000_000
 #: A move longer ago is not mentioned beside a chain.
@@ -104,7 +102,7 @@ def not_come(found: Explanation, failing: list[LinkReport], reference: int) -> s
     if at_ns is None or any(at_ns < (link.newest_stamp_ns or 0) for link in failing):
         return None
     ahead_ns = at_ns - reference
-    if found.by_clock and ahead_ns > _AHEAD_NS:
+    if found.by_clock and ahead_ns > AHEAD_S * 1e9:
         of = "this machine's clock"
     elif not found.by_clock and ahead_ns > _NOT_COME_NS:
         of = "the newest stamp of the chain"
@@ -119,13 +117,27 @@ def not_come(found: Explanation, failing: list[LinkReport], reference: int) -> s
 
 def is_ahead(link: LinkReport, found: Explanation) -> bool:
     """Return whether a link's stamps are ahead of the clock."""
-    return found.by_clock and link.age_s is not None and link.age_s * 1e9 < -_AHEAD_NS
+    return found.by_clock and link.age_s is not None and link.age_s < -AHEAD_S
 
 
-def ahead(link: LinkReport) -> str:
+def ahead(link: LinkReport, found: Explanation) -> str:
     """Return how far a link's stamps are ahead of the clock."""
     lead = age(-int((link.age_s or 0) * 1e9))
-    return f"The newest sample of {name(link)} is {lead} ahead of the clock."
+    what = f"The newest sample of {name(link)} is {lead} ahead of the clock"
+    if not is_ahead_on_purpose(link, found):
+        return f"{what}."
+    return (
+        f"{what}, but those of the odometry below it are not: a localisation such as AMCL stamps "
+        "ahead on purpose (transform_tolerance)."
+    )
+
+
+def no_localisation(link: LinkReport) -> str:
+    """Return what to do if stamps are not ahead on purpose."""
+    return (
+        f"If {publisher(link)} is no localisation, its clock is ahead: zenoh-tf doctor finds "
+        "out by the poses."
+    )
 
 
 def wrong_clock(link: LinkReport) -> str:
@@ -134,6 +146,13 @@ def wrong_clock(link: LinkReport) -> str:
         f"Check the clock of {publisher(link)}: zenoh-tf authorities shows how far the stamps of "
         "each publisher are ahead."
     )
+
+
+def is_ahead_on_purpose(link: LinkReport, found: Explanation) -> bool:
+    """Return whether a link whose stamps are ahead may be that of a localisation. A chain does not
+    show whether it repeats its poses, which is the doctor's other sign."""
+    below = (each for each in found.links if each.parent == link.child and each.age_s is not None)
+    return is_post_dated(-(link.age_s or 0.0), (-(each.age_s or 0.0) for each in below))
 
 
 def stopped(link: LinkReport, by_clock: bool) -> str:
