@@ -97,6 +97,24 @@ def test_equal_names_become_different_and_shared_ones_stay(
         assert set(robot.frames()) == {"map", "base", "camera"}
 
 
+def test_the_site_declares_limits_of_motion_itself(
+    start_server: StartServer, start_site: Callable[..., ServerProcess], tmp_path: Path
+) -> None:
+    limits = "max_speed_m_s = {}\nmax_rate_rad_s = 1.0\n"
+    files = {"robot": "[motion_limits.base]\n", "site": '[motion_limits."robot1/base"]\n'}
+    for (name, table), speed in zip(files.items(), (2.0, 3.0), strict=True):
+        (tmp_path / f"{name}.toml").write_text(table + limits.format(speed))
+    robot = start_server("--config", str(tmp_path / "robot.toml"), tree="main")
+    site = start_site([robot], "--config", str(tmp_path / "site.toml"))
+    with robot.connect() as own, site.connect() as tf:
+        for stamp in range(1, 5):
+            own.set_transform(link("map", "base", stamp, 1.0), authority="wheels")
+        wait_until(lambda: tf.can_transform("map", "robot1/base", 4 * S))
+        for each, name, error_m in ((own, "base", 0.2), (tf, "robot1/base", 0.3)):
+            found = each.estimate_transform("map", name, 4 * S + S // 10)
+            assert found.basis == "limits" and found.error_m == pytest.approx(error_m)
+
+
 def test_no_robot_moves_a_shared_frame_or_harms_another_one(
     robots: list[ServerProcess], start_site: Callable[..., ServerProcess]
 ) -> None:
