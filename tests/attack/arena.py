@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 import numpy as np
 import zenoh
 
-from . import messages
+from tests.support import messages
+
 from .processes import Call, Cost, Probe, Server, attacker, costs, plain_load
 
 #: Bounds of a service that holds.

@@ -19,10 +19,9 @@ import time
 import numpy as np
 import zenoh
 
+from tests.support import messages
 from zenoh_tf._net import handover, keys
 from zenoh_tf._net.local_requests import CLIENT, REPLY, REQUEST
-
-from . import messages
 
 
 def ready() -> None:

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import trustme
 
+from tests.support import messages
 from tests.support.certificates import issue
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Credentials, TransformClient
 
-from . import messages
 from .arena import Arena, Finding, beside, case
 from .processes import HERE, Process, Server, free_endpoint
 

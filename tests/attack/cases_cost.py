@@ -7,10 +7,10 @@ import time
 
 import zenoh
 
+from tests.support import messages
 from zenoh_tf import wire
 from zenoh_tf.errors import TransformException
 
-from . import messages
 from .arena import ANY_MB, Arena, Finding, case, cost_findings, message_cost
 from .processes import attacker, costs
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.support import messages
 from zenoh_tf import wire
 
-from . import messages
 from .arena import Arena, Finding, case
 from .processes import HERE, Process, Server, first_line, free_endpoint
 

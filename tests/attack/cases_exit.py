@@ -7,7 +7,8 @@ import signal
 import subprocess
 import time
 
-from . import messages
+from tests.support import messages
+
 from .arena import Arena, Finding, attackers, case
 from .processes import HERE, Process
 

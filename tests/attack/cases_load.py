@@ -8,9 +8,9 @@ import time
 
 import numpy as np
 
+from tests.support import messages
 from zenoh_tf._net import keys
 
-from . import messages
 from .arena import P99_RATIO, Arena, Finding, attackers, beside, case, message_cost
 
 ALL = ("lookup", "set", "info")

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import zenoh
 
-from . import messages
+from tests.support import messages
+
 from .arena import Arena, Finding, beside, case
 from .processes import HERE, Process, Server, attacker, first_line, free_endpoint
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import zenoh
 
+from tests.support import messages
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import AccessDenied, TransformException
 from zenoh_tf_client import Credentials, TransformClient
 
-from . import messages
 from .arena import Arena, Finding, case
 from .processes import Server, attacker, free_endpoint
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import zenoh
 
-from tests.attack import messages
+from tests.support import messages
 from zenoh_tf import Transform, wire
 from zenoh_tf.errors import (
     ServerBusy,

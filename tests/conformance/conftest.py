@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -98,16 +99,16 @@ StartLive = Callable[..., LiveServer]
 MakeTree = Callable[..., Tree]
 
 
-@pytest.fixture
-def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
-    """``start_live(**settings)``: an empty server with the mode's concurrency control."""
-    reach, _, concurrency = mode.partition("-")
+@pytest.fixture(scope="session")
+def start_live(loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
+    """``start_live(mode, **settings)``: a server with the mode's concurrency control."""
     with ExitStack() as servers:
         folder = Path(servers.enter_context(tempfile.TemporaryDirectory()))
-        # No predecessor can have had the endpoint.
-        sharing = SharingSettings(reach == "shared", folder, predecessor_s=0.0)
 
-        def start(**settings: Any) -> LiveServer:
+        def start(mode: str, **settings: Any) -> LiveServer:
+            reach, _, concurrency = mode.partition("-")
+            # No predecessor can have had the endpoint.
+            sharing = SharingSettings(reach == "shared", folder, predecessor_s=0.0)
             server = LiveServer(loop, cast(Concurrency, concurrency), sharing, **settings)
             servers.callback(server.stop)
             return server
@@ -115,17 +116,29 @@ def start_live(mode: str, loop: asyncio.AbstractEventLoop) -> Iterator[StartLive
         yield start
 
 
+@pytest.fixture(scope="session")
+def lend_live(start_live: StartLive) -> StartLive:
+    """The same, of servers that tests share."""
+    return functools.cache(start_live)
+
+
 @pytest.fixture
-def make_tf(mode: str, start_live: StartLive) -> Iterator[MakeTree]:
-    """``make_tf(cache_time_s=10.0, ...)``: an empty tree. Options: those that `TransformTree`
-    and the server's `ServerSettings` have in common."""
+def make_tf(
+    request: pytest.FixtureRequest, mode: str, start_live: StartLive, lend_live: StartLive
+) -> Iterator[MakeTree]:
+    """``make_tf(cache_time_s=10.0, ...)``: an empty tree, which may take the place of the one
+    before. Options: those that `TransformTree` and the server's `ServerSettings` have in common."""
+    own = request.node.get_closest_marker("own_server") is not None
+    lend = start_live if own else lend_live
     reach, _, concurrency = mode.partition("-")
     with ExitStack() as clients:
 
         def make(**options: Any) -> Tree:
             if reach == "embedded":
                 return TransformTree(concurrency=cast(Concurrency, concurrency), **options)
-            return clients.enter_context(start_live(**options).connect())
+            client = clients.enter_context(lend(mode, **options).connect())
+            client.reset()
+            return client
 
         yield make
 

@@ -131,6 +131,7 @@ def test_A09_leading_slash(tf: Tree) -> None:
         look(tf, "/q", "d", 1)
 
 
+@pytest.mark.own_server
 def test_A10_old_data(tf: Tree) -> None:
     """[Q] Decision A10: a row older than newest - cache time is dropped, counted, and the return
     value says so. It creates no frame, while tf2 creates its parent. Inside a transaction it

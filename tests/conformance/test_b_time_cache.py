@@ -47,6 +47,7 @@ def random_rotations(count: int) -> NDArray[np.float64]:
     return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
 
 
+@pytest.mark.own_server
 def test_B01_order(make_tf: MakeTree) -> None:
     """Samples are ordered by time, however they arrive. [Q] Decision B12: at an equal stamp the
     last one wins; tf2 keeps all and reads the last inserted."""
@@ -62,6 +63,7 @@ def test_B01_order(make_tf: MakeTree) -> None:
     assert tf.frame("child").samples == 5
 
 
+@pytest.mark.own_server
 def test_B02_prune(make_tf: MakeTree) -> None:
     """A newer sample evicts those older than the cache time before it."""
     tf = make_tf(cache_time_s=10e-9)
@@ -188,6 +190,7 @@ def test_B11_out_of_order(tf: Tree) -> None:
         assert x_of(look(tf, "parent", "child", at)) == pytest.approx(at, abs=1e-6)
 
 
+@pytest.mark.own_server
 def test_B12_same_stamp_other_value(tf: Tree) -> None:
     """[Q] Decision B12: the last value wins at every stamp, and is counted; in tf2 the first one
     wins at the oldest stamp."""

@@ -45,6 +45,7 @@ def test_C03_static_and_dynamic_chain(tf: Tree) -> None:
     assert_pose(look(tf, "a", "d"), (1, 1, 0))
 
 
+@pytest.mark.own_server
 def test_C04_multiple_parents(tf: Tree) -> None:
     """The last parent set is the parent. [Q] Decision C04: as in tf2, and counted, with the
     authority that did it."""
@@ -69,6 +70,7 @@ def test_C05_static_after_clear(tf: Tree) -> None:
     assert_pose(look(tf, "foo", "bar", 2), (1, 2, 3))
 
 
+@pytest.mark.own_server
 def test_C06_switch_between_dynamic_and_static(tf: Tree) -> None:
     """A link that becomes static or dynamic loses its history. [Q] Decision C06: as in tf2, and
     counted, with authority and time."""
@@ -120,10 +122,10 @@ def test_C08_static_repeatability(tf: Tree) -> None:
 
 
 @pytest.mark.parametrize("mode", REMOTE, indirect=True)  # a broadcaster needs a network
-def test_C09_static_broadcaster(start_live: StartLive) -> None:
+def test_C09_static_broadcaster(mode: str, start_live: StartLive) -> None:
     """A broadcaster keeps the newest static link of every child. Clients that join late see all
     of them, also after a restart of the server."""
-    live = start_live()
+    live = start_live(mode)
     with live.connect() as robot, robot.broadcaster("urdf") as broadcaster:
         broadcaster.send_static(stamped("a", "b", 1, (1, 0, 0)))
         broadcaster.send_static(stamped("a", "b", 2, (2, 0, 0)))

@@ -33,6 +33,7 @@ def numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?", text)]
 
 
+@pytest.mark.own_server
 def test_G01_frames(tf: Tree) -> None:
     """Frames are listed in the order of their first mention, the child first, without slash.
     Neither a new parent nor a clear removes a name."""
@@ -54,6 +55,7 @@ def test_G01_frames(tf: Tree) -> None:
     assert not can(tf, "other", "b")
 
 
+@pytest.mark.own_server
 def test_G02_figures_of_links(tf: Tree) -> None:
     """Parent, last authority, samples / (newest - oldest) as rate, both stamps and the delay, as
     data and as text. [Q] Decision: a static link has neither rate nor delay, where tf2 shows

@@ -208,9 +208,9 @@ def test_H10_no_thread_is_needed(tf: Tree) -> None:
     without writes answers too: at once without a time-out, else when it has expired."""
     put(tf, "foo", "bar", 1)
     assert can(tf, "foo", "bar", 1)
-    threads = threading.active_count()
+    threads = {*threading.enumerate()}
     assert tf.can_transform("foo", "bar", ns(1), timeout_s=LONG_S) is True
     assert tf.can_transform("foo", "bar", ns(2), timeout_s=0.05) is False
     with pytest.raises(NoDataForExtrapolationException, match="waited"):
         wait_for(tf, "foo", "bar", 2, timeout_s=0.05)
-    assert threading.active_count() == threads
+    assert {*threading.enumerate()} <= threads  # those of an earlier test may end

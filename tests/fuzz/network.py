@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from tests.attack import messages
 from tests.attack.processes import Server
+from tests.support import messages
 from zenoh_tf import wire
 from zenoh_tf._net import keys
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgpack
 
-from tests.attack import messages
+from tests.support import messages
 from zenoh_tf import wire
 
 _WRITE = {"id": bytes(16), "expires_ns": 1 << 62, "instance": "0123456789abcdef"}

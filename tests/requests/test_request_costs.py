@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes.server_costs import commit, cost_of, fill_chain, fill_star, lookup
+from tests.processes.server_costs import cost_of, fill_chain, fill_star, lookup
 from tests.processes.servers import ServerProcess
+from tests.support import messages
 from tests.support.raw import Raw, raw
 from zenoh_tf import wire
 from zenoh_tf.errors import LimitExceeded, LookupException, ProtocolError, TransformException
@@ -106,7 +107,7 @@ def test_a_name_that_no_frame_can_have(server: ServerProcess, wires: Raw) -> Non
     name = "ä" * 500_000
     requests = {
         "lookup": lookup(3000, "map", name),
-        "commit": wire.unpack(commit(["map", name], [0] * 1000, [1] * 1000)),
+        "commit": messages.commit(["map", name], [0] * 1000, [1] * 1000),
         "info": {"v": 1, **info("frame", frame=name)},
         "admin": {"v": 1, **info("remove_frame", name=name)},
     }

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
 from tests.conftest import StartServer
@@ -46,17 +45,7 @@ def until_waiters(tf: TransformClient, count: int) -> None:
 def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
     """Two unconnected trees, so that every row would watch all frames of both."""
     fill_chain(wires, DEPTH, "a")
-    names = {"names": ["island", *(f"b{row}" for row in range(1, DEPTH + 1))]}
-    rows = np.arange(DEPTH, dtype=np.uint32)
-    chain = {
-        "v": 1,
-        **names,
-        "parent": rows.tobytes(),
-        "child": (rows + 1).tobytes(),
-        "stamp": np.ones(DEPTH, np.int64).tobytes(),
-        "pose": np.tile([0.0, 0, 0, 0, 0, 0, 1], DEPTH).tobytes(),
-    }
-    assert "error" not in wires.query("commit", chain)
+    fill_chain(wires, DEPTH, "b", "island")
     with cost_of(server.process.pid) as cost:
         error = wires.error("lookup", waiting(10_000, f"a{DEPTH}", f"b{DEPTH}", 9.0))
         assert isinstance(error, LimitExceeded)

@@ -14,8 +14,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes.server_costs import commit, cost_of, lookup
+from tests.processes.server_costs import cost_of, lookup
 from tests.processes.servers import ServerProcess
+from tests.support import messages
 from tests.support.raw import Raw, raw
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ServerBusy, TimeoutException, TransformException
@@ -34,8 +35,7 @@ def wires(server: ServerProcess) -> Iterator[Raw]:
 
 
 def write(stamp_ns: int, **more: object) -> wire.Message:
-    body = wire.unpack(commit(["map", "base"], [0], [1]))
-    return body | {"stamp": stamp_ns.to_bytes(8, "little")} | more
+    return messages.commit(["map", "base"], [0], [1], stamp_ns, **more)
 
 
 def mixed(reads: int, stamp_ns: int, **more: object) -> bytes:

@@ -11,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from tests.conftest import StartServer, linux
-from tests.processes.server_costs import commit, lookup
+from tests.processes.server_costs import lookup
 from tests.processes.servers import START_TIMEOUT_S, ServerProcess
+from tests.support import messages
 from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import handover
@@ -97,7 +98,8 @@ def test_a_malformed_message_gets_a_typed_error(server: ServerProcess) -> None:
         for header in (LOOKUP, COMMIT):
             reply = wire.unpack(ask(peer, header, b"\xc1garbage"))
             assert wire.decode_error(reply["error"]).field == "message"
-        assert "stored" in wire.unpack(ask(peer, COMMIT, commit(["map", "base"], [0], [1])))
+        commit = messages.pack(messages.commit(["map", "base"], [0], [1]))
+        assert "stored" in wire.unpack(ask(peer, COMMIT, commit))
 
 
 def test_a_reply_that_comes_later_is_left_to_zenoh(server: ServerProcess) -> None:

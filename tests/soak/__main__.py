@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.attack.processes import ROOT, Process, Server, status_mb
+from tests.attack.processes import ROOT, Process, Server
+from tests.processes.server_costs import status_mb
 
 from .load import KINDS
 from .plot import draw

@@ -14,8 +14,8 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 
-from tests.attack import messages
 from tests.fuzz.seeds import Mutator
+from tests.support import messages
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import Broadcaster, Transaction, TransformClient
 

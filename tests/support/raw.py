@@ -37,7 +37,9 @@ class Raw:
         return wire.decode_error(self.query(request_type, payload)["error"])
 
     def put(self, authority: str, payload: Payload, *, static: bool = False) -> None:
-        self.session.put(keys.put(self.tree, authority, static=static), _packed(payload))
+        key = keys.put(self.tree, authority, static=static)
+        block = zenoh.CongestionControl.BLOCK  # a long one could be dropped
+        self.session.put(key, _packed(payload), congestion_control=block)
 
 
 def _packed(payload: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Hostile messages, made as the protocol describes them and not as the SDK would."""
+"""Messages made as the protocol describes them and not as the SDK would, such as hostile ones."""
 
 from __future__ import annotations
 
