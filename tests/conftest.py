@@ -18,6 +18,7 @@ from tests.processes.ports import free_endpoint
 from tests.processes.servers import Pool, ServerProcess, starts
 from tests.support.both_clients import Blocking, LoopThread
 from tests.support.concurrency import CONTROLS
+from tests.support.raw import Raw, raw
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.mapped_tree import Mode
@@ -182,6 +183,13 @@ def client(server: ServerProcess) -> Iterator[TransformClient]:
     """A client of `server`."""
     with server.connect() as tf:
         yield tf
+
+
+@pytest.fixture
+def wires(server: ServerProcess) -> Iterator[Raw]:
+    """Raw messages to `server`."""
+    with raw(server.endpoint) as session:
+        yield session
 
 
 @pytest.fixture(scope="session")

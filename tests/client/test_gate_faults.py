@@ -8,14 +8,10 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf import Dropped, Gate, StampedTransform, Transform, TransformTree
+from zenoh_tf import Dropped, Gate, StampedTransform, TransformTree
 from zenoh_tf_client import AsyncGate
 
-LONG_S = 40.0
-
-
-def at(stamp_ns: int) -> StampedTransform:
-    return StampedTransform("map", "base", stamp_ns, Transform((stamp_ns, 0, 0)))
+from .test_gate import LONG_S, at
 
 
 class FaultySource:

@@ -8,16 +8,12 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import StartServer
+from tests.support.small_robot import link
 from tests.support.waiting import wait_until
-from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server import flags
 
 S = 1_000_000_000
-
-
-def link(parent: str, child: str, stamp_ns: int, x: float) -> StampedTransform:
-    return StampedTransform(parent, child, stamp_ns, Transform((x, 0, 0)))
 
 
 def build(robot: TransformClient) -> None:

@@ -10,17 +10,14 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.support.logged_trees import Mirror, make_tree, state
-from zenoh_tf import StampedTransform, Transform, TransformTree, wire
+from tests.support.small_robot import link
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog
 from zenoh_tf.wire.stream import ORPHANED
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
 SECOND = 1_000_000_000
-
-
-def link(parent: str, child: str, stamp_ns: int) -> StampedTransform:
-    return StampedTransform(parent, child, stamp_ns, Transform((1.0, 0.0, 0.0)))
 
 
 class HalfRead:

@@ -61,6 +61,7 @@ def test_async_client(server: Any) -> None:
     assert lines == ["wheels: 0.0 1.0 2.0 3.0", "the last: 3.0"]
 
 
+@pytest.mark.slow
 def test_docking(server: Any) -> None:
     """It has to wait for a history, and to stop in the glare; no error may exceed its limit."""
     *waits, docked, steps = run("docking.py", server.endpoint).splitlines()

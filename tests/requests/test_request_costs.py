@@ -30,12 +30,6 @@ MOST_MB = 150.0
 DEPTH = 999
 
 
-@pytest.fixture
-def wires(server: ServerProcess) -> Iterator[Raw]:
-    with raw(server.endpoint) as session:
-        yield session
-
-
 def error_of(reply: wire.Message) -> TransformException:
     return wire.decode_error(reply["error"])
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -39,12 +38,6 @@ def commit(stamp_ns: int = 1, x: float = 0.0, child: str = "base", **more: Any) 
         "pose": struct.pack("<7d", x, 0, 0, 0, 0, 0, 1),
         **more,
     }
-
-
-@pytest.fixture
-def wires(server: ServerProcess) -> Iterator[Raw]:
-    with raw(server.endpoint) as session:
-        yield session
 
 
 def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClient) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -25,12 +24,6 @@ from zenoh_tf_server.requests.waiters import Waiters
 pytestmark = pytest.mark.own_server
 
 DEPTH = 999
-
-
-@pytest.fixture
-def wires(server: ServerProcess) -> Iterator[Raw]:
-    with raw(server.endpoint) as session:
-        yield session
 
 
 def waiting(rows: int, target: str, source: str, timeout_s: float) -> bytes:

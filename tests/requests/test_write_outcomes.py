@@ -8,7 +8,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -26,12 +25,6 @@ from zenoh_tf_server.state.file import Stored
 from zenoh_tf_server.state.static_links import StaticLinks
 
 READ = wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP)
-
-
-@pytest.fixture
-def wires(server: ServerProcess) -> Iterator[Raw]:
-    with raw(server.endpoint) as session:
-        yield session
 
 
 def write(stamp_ns: int, **more: object) -> wire.Message:

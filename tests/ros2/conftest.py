@@ -51,8 +51,15 @@ def start_peer() -> Iterator[StartPeer]:
         peer.kill()
 
 
-def make_server(folder: Path, *flags: str) -> ServerProcess:
-    return ServerProcess(folder / "server.log", free_endpoint(), "main", flags)
+@pytest.fixture(scope="module")
+def server(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServerProcess]:
+    """A server with the file's FLAGS."""
+    log = tmp_path_factory.mktemp("ros2") / "server.log"
+    server = ServerProcess(log, free_endpoint(), "main", request.module.FLAGS)
+    yield server
+    server.stop()
 
 
 def position(tf: TransformClient, target: str, source: str, timeout_s: float = 30.0) -> list[float]:

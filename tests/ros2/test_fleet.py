@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -14,17 +13,10 @@ from tests.support.recorded import needs_recording, questions, transforms
 from tests.support.waiting import wait_until
 from zenoh_tf_client import TransformClient
 
-from .conftest import AHEAD, Peer, StartPeer, authorities, make_server, position
+from .conftest import AHEAD, Peer, StartPeer, authorities, position
 
-
-@pytest.fixture(scope="module")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    rules = ("namespace", "domain:7=seventh", "domain")
-    flags = [flag for rule in rules for flag in ("--ros2-prefix", rule)]
-    folder = tmp_path_factory.mktemp("fleet")
-    server = make_server(folder, "--ros2", *flags, "--ros2-shared", "map,world")
-    yield server
-    server.stop()
+RULES = ("namespace", "domain:7=seventh", "domain")
+FLAGS = ("--ros2", "--ros2-shared", "map,world", *(f"--ros2-prefix={rule}" for rule in RULES))
 
 
 def drive(peer: Peer, x: float) -> None:
@@ -33,23 +25,23 @@ def drive(peer: Peer, x: float) -> None:
     peer.send("n", [("/map", "base_link", time.time_ns(), (x, *AHEAD[1:]))])
 
 
-def test_robots_with_equal_frames(fleet: ServerProcess, start_peer: StartPeer) -> None:
+def test_robots_with_equal_frames(server: ServerProcess, start_peer: StartPeer) -> None:
     for x, (namespace, domain) in enumerate([("robot1", 0), ("robot2", 0), ("", 7), ("", 3)]):
-        peer = start_peer(fleet.endpoint)
+        peer = start_peer(server.endpoint)
         peer.node("n", namespace, domain)
         drive(peer, 10.0 * x)
-    with fleet.connect() as tf:
+    with server.connect() as tf:
         for x, prefix in enumerate(["robot1", "robot2", "seventh", "3"]):
             assert position(tf, "map", f"{prefix}/laser") == [10.0 * x + 1, 0, 0]
         assert "laser" not in tf.frames() and "base_link" not in tf.frames()
         assert all(each.conflicts == 0 for each in tf.authorities())
 
 
-def test_frames_with_a_prefix_keep_it(fleet: ServerProcess, start_peer: StartPeer) -> None:
-    peer = start_peer(fleet.endpoint)
+def test_frames_with_a_prefix_keep_it(server: ServerProcess, start_peer: StartPeer) -> None:
+    peer = start_peer(server.endpoint)
     peer.node("n", "robot5")
     peer.send("n", [("map", "robot5/base_link", time.time_ns(), AHEAD)])
-    with fleet.connect() as tf:
+    with server.connect() as tf:
         assert position(tf, "map", "robot5/base_link") == [1.0, 0.0, 0.0]
 
 

@@ -22,8 +22,9 @@ from tests.processes.servers import ServerProcess
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 
-from .conftest import AHEAD, Peer, make_server, position, wait_for_authority
+from .conftest import AHEAD, Peer, position, wait_for_authority
 
+FLAGS = ("--ros2", "--ros2-publish")
 OLD = "1.5.1"  # the Zenoh of ROS 2 Jazzy's and Kilted's first packages
 FOREIGN = Path(__file__).with_name("foreign.py")
 BUILD = Path(__file__).resolve().parents[2] / "build"
@@ -33,13 +34,6 @@ COMPILED = BUILD / "cydr"
 OLD_ZENOH = BUILD / f"packages/eclipse-zenoh-{OLD}"
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    server = make_server(tmp_path_factory.mktemp("foreign"), "--ros2", "--ros2-publish")
-    yield server
-    server.stop()
 
 
 @pytest.fixture(scope="module")

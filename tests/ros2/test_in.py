@@ -24,19 +24,12 @@ from .conftest import (
     Peer,
     StartPeer,
     authorities,
-    make_server,
     position,
     wait_for_authority,
 )
 
 KEY = f"0/%s/{TF_MESSAGE.chunk}/{TF_MESSAGE.hash}"
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    server = make_server(tmp_path_factory.mktemp("in"), "--ros2", "--ros2-static-grace", "0.5s")
-    yield server
-    server.stop()
+FLAGS = ("--ros2", "--ros2-static-grace", "0.5s")
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from tests.processes.servers import ServerProcess
 from tests.programs.test_demo import endpoint_of, processes_of
 from zenoh_tf_server import flags
 
-from .conftest import make_server, position
+from .conftest import position
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/how-to/ros2.md").read_text()
@@ -34,14 +33,8 @@ def start(*command: str) -> subprocess.Popen[str]:
     return forks.Popen([sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
-    (line,) = (line for line in LINES if "--listen" in line)
-    options = shlex.split(line)[1:]
-    del options[options.index("--listen") :]
-    server = make_server(tmp_path_factory.mktemp("page"), *options)
-    yield server
-    server.stop()
+(_SERVER,) = (line for line in LINES if "--listen" in line)
+FLAGS = tuple(shlex.split(_SERVER.partition("--listen")[0])[1:])
 
 
 def test_the_first_five_minutes(server: ServerProcess) -> None:

@@ -16,6 +16,8 @@ from zenoh_tf_client.client import TransformClient
 FAKE_ROS = Path(__file__).with_name("fake_ros")
 sys.path.append(str(FAKE_ROS))
 
+from .messages import link  # noqa: E402 - its imports are in that folder
+
 
 @pytest.fixture
 def shim(
@@ -27,3 +29,11 @@ def shim(
     client.clear(keep_static=False)
     yield client
     tf2.close()
+
+
+@pytest.fixture
+def buffer(shim: TransformClient) -> tf2.Buffer:
+    """map -> base at 1 s."""
+    buffer = tf2.Buffer()
+    buffer.set_transform(link("map", "base", 1), "wheels")
+    return buffer

@@ -27,13 +27,6 @@ def point(seconds: float, frame: str = "base") -> msg.PointStamped:
     return message
 
 
-@pytest.fixture
-def buffer(shim: TransformClient) -> tf2.Buffer:
-    buffer = tf2.Buffer()
-    buffer.set_transform(link("map", "base", 1), "wheels")
-    return buffer
-
-
 def move(buffer: tf2.Buffer, seconds: float, child: str = "base") -> None:
     buffer.set_transform(link("map", child, seconds, (seconds, 0.0, 0.0)), "wheels")
 

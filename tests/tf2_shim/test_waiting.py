@@ -18,13 +18,6 @@ from zenoh_tf_client.client import TransformClient
 from .messages import LATEST, at, lasting, link
 
 
-@pytest.fixture
-def buffer(shim: TransformClient) -> tf2.Buffer:
-    buffer = tf2.Buffer()
-    buffer.set_transform(link("map", "base", 1), "wheels")
-    return buffer
-
-
 def when_someone_waits(shim: TransformClient, action: Callable[[], None]) -> threading.Thread:
     def run() -> None:
         wait_until(lambda: shim.stats()["waiters"])

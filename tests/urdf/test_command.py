@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import pytest
 
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
-from tests.processes.servers import ServerProcess
 from zenoh_tf_client import TransformClient
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
@@ -22,13 +20,6 @@ FLOATING = b"""<robot name="hover"><link name="world"/><link name="base"/><link 
 <joint name="mount" type="fixed"><parent link="base"/><child link="mast"/></joint></robot>"""
 
 Done = subprocess.CompletedProcess[str]
-
-
-@pytest.fixture
-def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
-    with shared_server.connect() as client:
-        client.reset()
-        yield client
 
 
 def run(*args: str | Path) -> Done:

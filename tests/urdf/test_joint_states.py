@@ -60,13 +60,6 @@ def encode(
     return bytes(STORE.serialize_cdr(message, kind, little_endian=order == "little"))
 
 
-@pytest.fixture
-def tf(shared_server: ServerProcess) -> Iterator[TransformClient]:
-    with shared_server.connect() as client:
-        client.reset()
-        yield client
-
-
 @contextlib.contextmanager
 def robot_at(endpoint: str) -> Iterator[Callable[..., None]]:
     """``publish(key, payload)`` of a node of rmw_zenoh, or of a bridge, which attaches nothing."""
