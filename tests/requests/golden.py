@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,11 @@ from .golden_records import (
     ESTIMATE,
     ESTIMATE_COLUMNS,
     ESTIMATES,
-    FRAME,
+    FRAME_RECORDS,
     FRAMES,
     HELLO,
     INSTANCE,
     NAMES,
-    RARE_EVENTS,
 )
 
 Read = Callable[[bytes], Any]
@@ -261,14 +261,10 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         read_value(dict, lambda value: parse_server_info(value, 1 << 30)),
     ),
     "reply to info frames": (lambda: reply({"value": NAMES, "next": 17}), read_value(list)),
-    "reply to info frame": (
-        lambda: reply({"value": FRAME}),
-        read_value(dict, FrameInfo.from_record),
-    ),
-    "reply to info frame after rare events": (
-        lambda: reply({"value": FRAME | RARE_EVENTS}),
-        read_value(dict, FrameInfo.from_record),
-    ),
+    **{
+        name: (partial(reply, {"value": record}), read_value(dict, FrameInfo.from_record))
+        for name, record in FRAME_RECORDS.items()
+    },
     "reply to info authorities": (
         lambda: reply({"value": [AUTHORITY]}),
         read_value(list, lambda value: [AuthorityInfo(**record) for record in value]),

@@ -11,7 +11,7 @@ from zenoh_tf.wire import stream
 INSTANCE = "00112233aabbccdd"
 
 NAMES = ["map", "base", "ärm/1"]
-FRAME = {
+_FRAME = {
     **{"name": "base", "parent": "map", "authority": "lidar", "static": False, "samples": 2},
     **{"oldest_stamp_ns": 7, "newest_stamp_ns": 8, "version": 12, "rewritten": 1, "dropped": 0},
     **{"evicted": 0, "reparented": 1, "switched": 0, "authority_changes": 0, "time_jumps": 0},
@@ -20,11 +20,18 @@ FRAME = {
         "static_before": False,
     },
 }
-RARE_EVENTS = {
+_RARE_EVENTS = {
     "last_replacement": {
         **{"count": 2, "at_ns": 9, "shift_m": 0.25, "turn_rad": 0.5, "authority_before": "lidar"},
     },
     "last_time_jump": {"at_ns": 8, "newest_stamp_ns": 7},
+}
+_LATE_LOOKUPS = {"late_failures": 3, "late_waits": 1, "late_ns": 40_000_000}
+#: Replies to `info frame`.
+FRAME_RECORDS = {
+    "reply to info frame": _FRAME,
+    "reply to info frame after rare events": _FRAME | _RARE_EVENTS,
+    "reply to info frame that was late for lookups": _FRAME | _LATE_LOOKUPS,
 }
 AUTHORITY = {
     **{"name": "lidar", "frames": 1, "commits": 2, "stored": 3, "dropped": 0, "rewritten": 1},

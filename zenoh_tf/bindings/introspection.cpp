@@ -134,6 +134,9 @@ nb::dict record_of(const AnyTree& tree, nb::object name, FrameId id, const Frame
   out["switched"] = load(events.switched);
   out["authority_changes"] = load(events.authority_changes);
   out["time_jumps"] = load(events.time_jumps);
+  out["late_failures"] = load(events.late_failures);
+  out["late_waits"] = load(events.late_waits);
+  out["late_ns"] = load(events.late_ns);
   out["last_change"] = last_change(tree, info);
   out["last_replacement"] = last_replacement(tree, events);
   out["last_time_jump"] = last_time_jump(events);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "commits/commit.hpp"
+#include "lookups/late.hpp"
 #include "lookups/lookup.hpp"
 #include "lookups/park.hpp"
 #include "tree_state.hpp"
@@ -102,6 +103,13 @@ class Tree : private TreeState {
     return ztf::lookup_or_park(*this, waiter, max_links);
   }
   [[nodiscard]] WaitList& wait_list() const noexcept { return TreeState::wait_list; }
+  // Counts a lookup that failed, or waited, for the link that was late (lookups/late.hpp).
+  void count_failed(const Failure& failure, std::int64_t asked_at_ns) const {
+    ztf::count_late(*this, find_late_link(*this, failure), asked_at_ns, Late::failed);
+  }
+  void count_waited(const LateLink& link, std::int64_t asked_at_ns) const noexcept {
+    ztf::count_late(*this, link, asked_at_ns, Late::waited);
+  }
 
   // Writes (commits/commit.hpp).
 

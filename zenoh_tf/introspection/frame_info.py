@@ -116,6 +116,11 @@ class FrameInfo:
             if none was since the link was cleared.
         last_time_jump: The last of the times that the history was cleared so; ``None`` if there
             was none since the link was cleared.
+        late_failures: Lookups by query that failed because they asked for a time before the link's
+            sample had come; always 0 for an embedded tree.
+        late_waits: Lookups that waited for such a sample, and got their answer.
+        late_ns: By how many nanoseconds, in the sum of both, the times asked for were newer than
+            the newest sample.
     """
 
     name: str
@@ -136,6 +141,9 @@ class FrameInfo:
     time_jumps: int = 0
     last_replacement: Replacement | None = None
     last_time_jump: TimeJump | None = None
+    late_failures: int = 0
+    late_waits: int = 0
+    late_ns: int = 0
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:

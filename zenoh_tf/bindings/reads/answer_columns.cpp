@@ -68,6 +68,7 @@ AnswerColumns::AnswerColumns(const ReadRows& rows, const std::vector<Answer>& an
     const Code code = rows.has_invalid_name(i) ? Code::invalid_argument : a.failure.code;
     status[i] = static_cast<std::uint8_t>(code);
     d = std::fill_n(d, 7, nan);
+    any_failed = true;
     if (failed.size() < most) {
       failed.push_back({i, a.failure});
       failed.back().failure.code = code;

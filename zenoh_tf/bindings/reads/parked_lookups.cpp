@@ -15,6 +15,7 @@
 
 #include <nanobind/stl/shared_ptr.h>
 
+#include "base/host.hpp"
 #include "bindings/reads/read_rows.hpp"
 
 namespace ztf {
@@ -110,6 +111,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
     for (ParkedRow& row : parked_) tree_.wait_list().cancel(row);
   }
   // As of _read_rows; rows that still wait fail as they would now.
+  // Counts the rows that were late.
   nb::tuple result(double waited_s, bool errors, Budget* budget);
   // How many frames the rows will watch at most.
   [[nodiscard]] std::uint64_t links() const { return rows_.links(tree_, kMostLinks); }
@@ -145,6 +147,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   WakeQueue& queue_;
   ReadRows rows_;
   const std::uint64_t token_;
+  const std::int64_t asked_at_ns_ = real_time_ns();
   const std::size_t max_links_;   // of all waiting lookups of the tree
   std::deque<ParkedRow> parked_;  // a deque, since rows must not move
   // Rows, and one for start(): so exactly one caller sees it reach 0.
@@ -165,12 +168,15 @@ nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
         notes[i] = refusal();
       }
       rows_.queries[i] = parked_[i].query();
+      if (answers[i].failure.code == Code::ok)
+        tree_.count_waited(parked_[i].waited_for(), asked_at_ns_);
     } else if (!parked_[i].has_invalid_name) {
       look_up_now(i, answers[i]);
       notes[i] = waited(waited_s);
     } else {
       answers[i].failure.code = Code::invalid_argument;
     }
+    if (answers[i].failure.code != Code::ok) tree_.count_failed(answers[i].failure, asked_at_ns_);
   }
   const FailureReport report{notes, errors, budget};
   return reply(tree_, rows_, AnswerColumns(rows_, answers, report), report, nb::none());

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "base/host.hpp"
 #include "replication/change_replay.hpp"
 
 namespace ztf {
@@ -98,6 +99,13 @@ void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_r
   }
 }
 
+// Counts the rows that failed because a link was late. Only lookups of a server's clients are
+// counted: those that have a budget.
+void count_failed(const Tree& tree, const std::vector<Answer>& answers) {
+  const std::int64_t now_ns = real_time_ns();
+  for (const Answer& answer : answers) tree.count_failed(answer.failure, now_ns);
+}
+
 template <class AnyTree>
 nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uint8_t>& op,
                     const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
@@ -122,6 +130,8 @@ nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uin
     std::vector<Answer> answers(rows.queries.size());
     look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
     answered.emplace(rows, answers, report);
+    if constexpr (std::is_same_v<AnyTree, Tree>)
+      if (budget && answered->any_failed) count_failed(tree, answers);
   };
   try {
     if (op.shape(0) >= kReleaseFrom) {

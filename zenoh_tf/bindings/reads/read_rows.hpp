@@ -101,6 +101,7 @@ struct AnswerColumns {
   std::unique_ptr<std::uint8_t[]> status;
   std::unique_ptr<Stamp[]> stamp, newest;
   std::unique_ptr<double[]> pose;
+  bool any_failed = false;
   std::vector<Failed> failed;  // the rows whose errors may have room in the reply
 };
 

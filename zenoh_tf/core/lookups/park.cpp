@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "lookups/late.hpp"
 #include "lookups/lookup.hpp"
 
 namespace ztf {
@@ -25,6 +26,7 @@ bool lookup_or_park(const TreeState& tree, Waiter& waiter, std::size_t max_links
       continue;
     const Failure& failure = waiter.answer_.failure;
     if (failure.code == Code::ok || !may_succeed_later(tree, failure)) return true;
+    waiter.waited_for_ = find_late_link(tree, failure);
     tree.wait_list.park(waiter, reads, max_links);  // step W1 (waiting/wait_list.hpp)
     (void)tree.commit_count.sum();                  // step W2
     bool unchanged = true;

@@ -45,6 +45,13 @@ struct Failure {
   std::uint64_t ids_freed = 0;
 };
 
+// A link that has no sample yet at the time that a lookup asked for (lookups/late.hpp).
+struct LateLink {
+  FrameId frame = 0;  // its child; 0: none
+  Stamp asked = kNoStamp, newest = kNoStamp;
+  std::uint64_t ids_freed = 0;  // as in Failure
+};
+
 // If `failure.code` is not ok, the pose and the stamps are unspecified.
 struct Answer {
   Failure failure = {};

@@ -29,6 +29,11 @@ struct FrameEvents {
   std::atomic<std::uint64_t> authority_changes;
   std::atomic<std::uint64_t> time_jumps;  // the history was cleared, as time was set back
 
+  // Lookups that asked the link for a time before its sample had come (lookups/late.hpp): those
+  // that failed, those that got their answer after they had waited, and by how much the times that
+  // they asked for were newer than the newest sample, in sum. Written by readers, without a lock.
+  std::atomic<std::uint64_t> late_failures, late_waits, late_ns;
+
   // The last time that a static link's value was replaced by another one: how often until then,
   // when by the real-time clock, how far the child moved and turned, and whose value it was.
   std::atomic<std::uint64_t> replaced;
@@ -59,12 +64,19 @@ struct FrameEvents {
     jumped_at_ns.store(0, std::memory_order_release);
   }
 
+  // Forgets the lookups for which the link was late, as the frame is removed.
+  void forget_lookups() noexcept {
+    for (auto* counter : {&late_failures, &late_waits, &late_ns})
+      counter->store(0, std::memory_order_release);
+  }
+
   // Forgets everything, as the frame gets another name. Requires the frame's write lock.
   void reset() noexcept {
     const auto release = std::memory_order_release;
     for (auto* counter :
          {&rewritten, &dropped, &reparented, &switched, &authority_changes, &time_jumps, &replaced})
       counter->store(0, release);
+    forget_lookups();
     forget_link();
     late_stamp.store(0, release);
     late_version.store(0, release);

@@ -64,6 +64,8 @@ class Waiter {
   // The query and the answer of the last lookup_or_park().
   [[nodiscard]] const Query& query() const noexcept { return query_; }
   [[nodiscard]] const Answer& answer() const noexcept { return answer_; }
+  // The link that was late when the lookup was parked last, if one was.
+  [[nodiscard]] const LateLink& waited_for() const noexcept { return waited_for_; }
 
  protected:
   // Called once after the waiter was parked, unless it is cancelled: the lookup may now succeed, or
@@ -86,6 +88,7 @@ class Waiter {
   Query query_;
   const std::string_view target_, source_, fixed_;
   Answer answer_;
+  LateLink waited_for_;
 
   // Guarded by the list's mutex.
   bool parked_ = false;

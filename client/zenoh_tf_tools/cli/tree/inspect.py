@@ -112,6 +112,8 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
     for counter in ("rewritten", "dropped", "evicted", "reparented", "switched"):
         facts[counter] = f"{getattr(frame, counter):,}"
     facts["conflicts"] = f"{frame.authority_changes:,}"
+    if frame.late_failures or frame.late_waits:
+        facts["late"] = f"{frame.late_failures:,} lookups failed, {frame.late_waits:,} waited"
     change = frame.last_change
     if change is not None:
         done = {"authority": "taken over"}.get(change.kind, change.kind)
