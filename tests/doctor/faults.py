@@ -217,6 +217,29 @@ def slow_object(robot: Robot) -> Found:
     return {("TF107", "tag")}
 
 
+def too_late_for_lookups(robot: Robot) -> Found:
+    """Rates that nobody would mind, but a consumer looks up at the present and does not wait."""
+    robot.rest()
+    robot.wheels()
+    robot.look_up("map", "odom", 10.0)
+    return {("TF107", "odom")}
+
+
+def looked_up_behind_a_clock(robot: Robot) -> Found:
+    """The clock is the cause."""
+    robot.rest()
+    robot.wheels(stamp=lambda t: t - 3)
+    robot.look_up("odom", "base", 10.0)
+    return {("TF201", "wheels")}
+
+
+def looked_up_after_it_stopped(robot: Robot) -> Found:
+    robot.rest()
+    robot.wheels(end_s=0.5)
+    robot.look_up("odom", "base", 10.0)
+    return {("TF104", "base")}
+
+
 def optical_frame(robot: Robot) -> Found:
     robot.rest()
     robot.wheels()
@@ -365,6 +388,7 @@ FAULTS = [
     refused_before_the_doctor_came, clock_behind, clock_of_the_whole_robot_behind, frozen_stamp,
     simulated_time, one_stamp_a_minute_ahead, drifting_clock, clock_that_falls_behind, jitter,
     jittering_slowly, static_that_changes, static_of_two_authorities, slow_link, slow_object,
+    too_late_for_lookups, looked_up_behind_a_clock, looked_up_after_it_stopped,
     optical_frame, frozen_pose, out_of_order, shuffled, once_out_of_order, jump, jump_and_back,
     jump_of_a_localisation, turn_about, mount_in_millimetres,
     mount_in_millimetres_of_a_robot_that_stands, late_by_seconds, arm_in_millimetres,

@@ -86,6 +86,16 @@ def planner(robot: Robot) -> None:
     robot.link("base", "gripper", "planner", 500.0, lambda t: pose(0.2 * (round(500 * t) % 2)))
 
 
+def asked_nonsense(robot: Robot) -> None:
+    """Its clients ask for the past, which works, and for times that no link can have."""
+    steady(robot)
+    robot.look_up("map", "base", 10.0, lambda t: t - 0.2)
+    robot.look_up("map", "base", 10.0, lambda t: t + 3600)  # another time zone
+    robot.look_up("map", "base", 10.0, lambda t: t + 12)
+    robot.look_up("map", "base", 10.0, lambda t: t * 1e-9 - 1_699_999_998.3)  # s given as ns
+    robot.look_up("map", "nowhere", 10.0)
+
+
 def post_dated(robot: Robot) -> None:
     """AMCL stamps its corrections 1 s ahead, so that lookups at the present work."""
     robot.mounts()
@@ -95,5 +105,5 @@ def post_dated(robot: Robot) -> None:
 
 HEALTHY = [
     steady, parked, stop_and_go, loaded_network, standstill, simulation, static_only, grasping,
-    farm, planner, post_dated,
+    farm, planner, post_dated, asked_nonsense,
 ]  # fmt: skip

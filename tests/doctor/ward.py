@@ -15,9 +15,10 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf import AuthorityInfo, FrameInfo, TransformTree
-from zenoh_tf._core import TransformRows
+from zenoh_tf._core import OP_AT, TransformRows
 from zenoh_tf.doctor import LinkFacts, Observation, TreeFacts
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf_server.limits import Limits
 
 S: Final = 10**9
 #: The clock when the doctor comes.
@@ -32,6 +33,8 @@ Motion = Callable[[float], Pose]
 Clock = Callable[[float], float]
 #: Arrival in s, authority, whether static, parent, child, stamp in s, pose.
 Sent = tuple[float, str, bool, str, str, float, Pose]
+#: When in s, target, source, and the stamp asked for, in s.
+Asked = tuple[float, str, str, float]
 
 IDENTITY: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -51,10 +54,11 @@ def corrections(t: float) -> Pose:
 
 
 class Robot:
-    """What its publishers send."""
+    """What its publishers send, and what its consumers ask for."""
 
     def __init__(self) -> None:
         self.sent: list[Sent] = []
+        self.asked: list[Asked] = []
 
     def link(
         self,
@@ -106,6 +110,12 @@ class Robot:
     ) -> None:
         self.send("base", child, authority, at_s, value, static=True)
 
+    def look_up(self, target: str, source: str, rate_hz: float, stamp: Clock = lambda t: t) -> None:
+        """Lookups by query that do not wait: at the present, or at the stamps."""
+        for n in range(round(END_S * rate_hz)):
+            t = n / rate_hz + 0.001  # after what is sent at that time
+            self.asked.append((t, target, source, stamp(t)))
+
     def rest(self) -> None:
         """All but the wheels."""
         self.amcl()
@@ -149,6 +159,15 @@ class Service:
         samples[0 if static else at_ns(stamp_s)] = (parent, value)
         return True
 
+    def ask(self, asked: Asked) -> None:
+        """Look up as a server does for its clients."""
+        _, target, source, stamp_s = asked
+        names = np.array([0], np.uint32), np.array([1], np.uint32)
+        self.tree._read_rows(
+            (target, source), np.array([OP_AT], np.uint8), *names, np.array([at_ns(stamp_s)]),
+            budget=Limits().budget(),
+        )  # fmt: skip
+
     def frames(self) -> dict[str, FrameInfo]:
         return {name: self.tree.frame(name) for name in self.tree.frames()}
 
@@ -177,11 +196,14 @@ def observed(robot: Robot) -> TreeFacts:
     service, observation = Service(), Observation()
     before: dict[str, FrameInfo] | None = None
     authorities_before: list[AuthorityInfo] = []
-    for sent in sorted(robot.sent, key=lambda sent: sent[0]):
+    events: list[Sent | Asked] = [*robot.sent, *robot.asked]
+    for sent in sorted(events, key=lambda event: event[0]):
         if sent[0] >= 0 and before is None:
             before, authorities_before = service.frames(), service.authorities()
             _load(observation, service)
-        if service.put(sent) and before is not None:
+        if len(sent) == 4:
+            service.ask(sent)
+        elif service.put(sent) and before is not None:
             arrival_s, authority, static, parent, child, stamp_s, value = sent
             observation.add(
                 *(at_ns(arrival_s), child, parent, at_ns(stamp_s), np.array(value), authority),

@@ -27,7 +27,8 @@ publisher has no line of its own.
 
 A recording does not say who published what, so its topics stand for the publishers, and
 the time of its log for the arrivals. Only the messages show quaternions that are not of
-length 1 (TF401); what a server has refused is TF106.
+length 1 (TF401); what a server has refused is TF106. Nor does it say what was looked up,
+so whether a link is too slow (TF107) is judged by the rates of its chain alone.
 
 In a program, `zenoh_tf.doctor.diagnose` makes findings from plain facts. Without samples,
 which `zenoh_tf.doctor.Observation` gathers, it judges the records of the frames alone:

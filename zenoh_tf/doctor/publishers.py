@@ -18,6 +18,8 @@ _FLIPS_PER_S: Final = 0.2
 #: A gap in a link's samples, in its periods and in seconds.
 _GAP_PERIODS: Final = 10
 _GAP_S: Final = 0.5
+#: To wait for a sample that comes soon is usual. On average the newest one may be so old.
+_WAIT_S: Final = 0.1
 #: A slow link, and how many times as fast another one of its chain is.
 _SLOW_HZ: Final = 2.5
 _SLOW_SAMPLES: Final = 3
@@ -143,6 +145,34 @@ def refused(facts: TreeFacts) -> Evidence:
 
 
 def slow(facts: TreeFacts) -> Evidence:
+    late = dict(_late(facts))
+    yield from late.items()
+    yield from ((name, evidence) for name, evidence in _slow(facts) if name not in late)
+
+
+def _late(facts: TreeFacts) -> Evidence:
+    """The links that made lookups fail or wait, by what the server has counted."""
+    for link in facts.dynamic:
+        frame = link.frame
+        failures = facts.grown(link, "late_failures") or 0
+        waits = facts.grown(link, "late_waits") or 0
+        if not failures + waits:
+            continue
+        late_ns = (facts.grown(link, "late_ns") or 0) / (failures + waits)
+        if failures or late_ns > _WAIT_S * 1e9:
+            asked = "1 lookup" if failures + waits == 1 else f"{failures + waits:,} lookups"
+            rate = f"is published at {frame.rate_hz:.1f} Hz" if frame.rate_hz else "has one sample"
+            yield (
+                frame.name,
+                f"{asked} in {facts.observed_s:.1f} s asked for {quoted(frame.parent)} -> "
+                f"{quoted(frame.name)} {age(round(late_ns))} after its newest sample on average: "
+                f"{failures:,} failed, {waits:,} waited; it {rate} by {authority(frame.authority)}",
+            )
+
+
+def _slow(facts: TreeFacts) -> Evidence:
+    """The links whose samples come seldom, beside one of their chain whose samples come often.
+    This holds for lookups that no server sees, too."""
     rates = {link.frame.name: _rate_hz(link) for link in facts.dynamic}
     fastest: dict[str, tuple[float, str]] = {}  # of the links that a frame shares a chain with
     for name, rate in rates.items():
