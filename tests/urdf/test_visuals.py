@@ -9,17 +9,17 @@ import pytest
 
 from tests.urdf.shapes import URDF, write_urdf
 from zenoh_tf import InvalidArgumentException
-from zenoh_tf_tools.urdf.visuals import Box, Cylinder, Mesh, Sphere, read_visuals
+from zenoh_tf_tools.urdf.visuals import Mesh, Solid, read_visuals
 from zenoh_tf_tools.viewer.models import Model, ModelError
 
 
 def test_each_shape(tmp_path: Path) -> None:
     path = write_urdf(tmp_path)
     box, cylinder, ball, hull = read_visuals(path)
-    assert (box.link, box.shape, box.colour) == ("box_link", Box((1, 2, 3)), (0, 0, 1))
+    assert (box.link, box.shape, box.colour) == ("box_link", Solid("box", (1, 2, 3)), (0, 0, 1))
     np.testing.assert_allclose(box.origin.apply([1, 0, 0]), (0, 1, 0.5), atol=1e-12)
-    assert (cylinder.shape, cylinder.colour) == (Cylinder(0.5, 4), (1, 0.5, 0))
-    assert (ball.shape, ball.colour) == (Sphere(0.25), None)
+    assert (cylinder.shape, cylinder.colour) == (Solid("cylinder", (0.5, 4)), (1, 0.5, 0))
+    assert (ball.shape, ball.colour) == (Solid("sphere", (0.25,)), None)
     assert isinstance(hull.shape, Mesh)
     assert hull.shape.path == (path.parents[1] / "hull.stl").resolve()
 

@@ -24,7 +24,6 @@ from zenoh_tf import (
     TransformException,
 )
 from zenoh_tf.recordings import RecordingError
-from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import duration
 from zenoh_tf.text.times import age
 from zenoh_tf_client.session import environment
@@ -92,22 +91,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TransformException as error:
         notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
         name, message = type(error).__name__, f"{error}{_distance(error)}{notes}"
-        code = FAULT_FOUND if isinstance(error, TooUncertain) else 1
-        if args.json:
-            return _fail_json(code, name, message, error.facts)
-        return _fail(f"{name}: {message}", code)
+        shown = f"{name}: {message}"
+        output.print_error(name, message, error.facts, as_json=args.json, shown=shown)
+        return FAULT_FOUND if isinstance(error, TooUncertain) else 1
     except (CommandError, RecordingError) as error:
-        return _fail_json(1, "CommandError", str(error), {}) if args.json else _fail(str(error))
+        text = str(error)
+        output.print_error("CommandError", text, {}, as_json=args.json, shown=text)
+        return 1
 
 
 def run() -> NoReturn:
     """Run ``main`` and end the process with its exit code."""
     sys.exit(main())
-
-
-def _fail(message: str, code: int = 1) -> int:
-    print("zenoh-tf: " + printable(" ".join(message.split())), file=sys.stderr)
-    return code
 
 
 def _distance(error: TransformException) -> str:
@@ -119,11 +114,6 @@ def _distance(error: TransformException) -> str:
     if isinstance(error, BackwardExtrapolationException) and error.oldest_stamp_ns is not None:
         return f" ({age(error.oldest_stamp_ns - error.stamp_ns)} too early)"
     return ""
-
-
-def _fail_json(code: int, kind: str, message: str, fields: dict[str, object]) -> int:
-    output.print_json({"type": kind, "message": message, "fields": fields}, file=sys.stderr)
-    return code
 
 
 def _for_argparse(given: Sequence[str]) -> list[str]:
@@ -145,7 +135,8 @@ class _JsonErrorParser(argparse.ArgumentParser):
     """Reports wrong usage as JSON."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(_fail_json(2, "UsageError", message, {}))
+        output.print_error("UsageError", message, {}, as_json=True, shown=message)
+        self.exit(2)
 
 
 def _parser(json_errors: bool = False) -> argparse.ArgumentParser:

@@ -40,15 +40,20 @@ def print_json(document: object, file: TextIO | None = None) -> None:
     print(json.dumps(document, ensure_ascii=not is_unicode(stream), allow_nan=False), file=stream)
 
 
+def print_error(name: str, message: str, fields: object, *, as_json: bool, shown: str) -> None:
+    """Print an error on stderr: as a JSON object, or `shown` as one line."""
+    if as_json:
+        print_json({"type": name, "message": message, "fields": fields}, file=sys.stderr)
+    else:
+        line = printable(" ".join(shown.split()))
+        print(f"zenoh-tf: {line}", file=sys.stderr, flush=True)
+
+
 def report_waiting(error: TransformException, as_json: bool) -> None:
     """Print on stderr why a command that continues has nothing to show."""
     name, message = type(error).__name__, str(error)
-    if as_json:
-        document = {"type": name, "message": message, "fields": error.facts}
-        print_json(document, file=sys.stderr)
-    else:
-        line = " ".join(f"{name}: {message}".split())
-        print(f"zenoh-tf: {printable(line)} (waiting)", file=sys.stderr, flush=True)
+    shown = f"{name}: {message} (waiting)"
+    print_error(name, message, error.facts, as_json=as_json, shown=shown)
 
 
 def show(args: argparse.Namespace, document: object, text: str) -> None:

@@ -25,25 +25,16 @@ _ROS_1_PATHS: Final = "ROS_PACKAGE_PATH"
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """Its edges along x, y and z, in metres."""
+class Solid:
+    """A box, a cylinder about z, or a sphere, its middle in the origin.
 
-    size: tuple[float, ...]
+    Attributes:
+        kind: As URDF names it: "box", "cylinder" or "sphere".
+        sizes: The edges along x, y and z; the radius and the length; the radius. Metres.
+    """
 
-
-@dataclass(frozen=True, slots=True)
-class Cylinder:
-    """A cylinder about z, its middle in the origin. Metres."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True, slots=True)
-class Sphere:
-    """Metres."""
-
-    radius: float
+    kind: str
+    sizes: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +52,7 @@ class Mesh:
     scale: tuple[float, ...]
 
 
-Shape = Box | Cylinder | Sphere | Mesh
+Shape = Solid | Mesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,18 +112,13 @@ def _shape(element: Element, path: Path, link: Part) -> Shape:
         [value] = link.numbers(element, attribute, (0.0,))
         return value
 
-    shape: Shape
-    sizes: tuple[float, ...]
     match element.tag:
         case "box":
-            sizes = tuple(link.numbers(element, "size", (0.0, 0.0, 0.0)))
-            shape = Box(sizes)
+            sizes = link.numbers(element, "size", (0.0, 0.0, 0.0))
         case "cylinder":
-            sizes = one("radius"), one("length")
-            shape = Cylinder(*sizes)
+            sizes = [one("radius"), one("length")]
         case "sphere":
-            sizes = (one("radius"),)
-            shape = Sphere(*sizes)
+            sizes = [one("radius")]
         case "mesh":
             scale = link.numbers(element, "scale", (1.0, 1.0, 1.0))
             filename = element.get("filename", "")
@@ -140,8 +126,8 @@ def _shape(element: Element, path: Path, link: Part) -> Shape:
         case _:
             raise link.invalid(f"<{element.tag}> is no geometry of URDF")
     if min(sizes) <= 0:
-        raise link.invalid(f"its {element.tag} has no size: {sizes}")
-    return shape
+        raise link.invalid(f"its {element.tag} has no size: {tuple(sizes)}")
+    return Solid(element.tag, tuple(sizes))
 
 
 def _mesh_path(name: str, urdf: Path) -> Path | None:

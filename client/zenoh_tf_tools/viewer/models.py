@@ -11,7 +11,7 @@ import viser
 from numpy.typing import NDArray
 
 from zenoh_tf import Transform
-from zenoh_tf_tools.urdf.visuals import Box, Cylinder, Mesh, Shape, Sphere, Visual
+from zenoh_tf_tools.urdf.visuals import Mesh, Shape, Solid, Visual
 from zenoh_tf_tools.viewer.placement import Placement
 
 _WXYZ: Final = [6, 3, 4, 5]
@@ -141,14 +141,14 @@ class _Drawn:
 def _mesh(shape: Shape) -> Any:
     """The triangles of a shape, in metres."""
     match shape:
-        case Box(size):
-            return trimesh.creation.box(size)
-        case Cylinder(radius, length):
-            return trimesh.creation.cylinder(radius, length)
-        case Sphere(radius):
-            return trimesh.creation.icosphere(3, radius)
         case Mesh():
             return _loaded(shape)
+        case Solid("box", sizes):
+            return trimesh.creation.box(sizes)
+        case Solid("cylinder", (radius, length)):
+            return trimesh.creation.cylinder(radius, length)
+        case Solid(_, (radius, *_)):
+            return trimesh.creation.icosphere(3, radius)
 
 
 def _loaded(shape: Mesh) -> Any:

@@ -5,12 +5,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from zenoh_tf import FrameInfo
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S
 
 Pair = tuple[str, str]
+
+_DELAYS: Final = (
+    "also show the delay of this pair: how old the answer of a lookup without a time is; may be "
+    "given several times"
+)
 
 
 @dataclass(frozen=True)
@@ -31,8 +37,8 @@ class PairDelay:
     problem: str | None
 
 
-def add_pairs(parser: argparse.ArgumentParser) -> None:
-    """Add the pairs whose delays are shown."""
+def add_pairs(parser: argparse.ArgumentParser, help_: str = _DELAYS) -> None:
+    """Add further pairs of frames; by default those whose delays are shown."""
     parser.add_argument(
         "--pair",
         nargs=2,
@@ -40,8 +46,7 @@ def add_pairs(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar=("TARGET", "SOURCE"),
         default=[],
-        help="also show the delay of this pair: how old the answer of a lookup without a time is; "
-        "may be given several times",
+        help=help_,
     )
 
 

@@ -17,6 +17,7 @@ from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames, add_optional_file
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show import view
+from zenoh_tf_tools.cli.show.pair_delays import add_pairs
 from zenoh_tf_tools.errors import CommandError, extra, keep_input
 from zenoh_tf_tools.estimate_words import metres
 from zenoh_tf_tools.plotting.estimates import foretold
@@ -52,15 +53,7 @@ def add(commands: Commands) -> None:
     )
     add_optional_file(plot)
     add_frames(plot)
-    plot.add_argument(
-        "--pair",
-        nargs=2,
-        dest="pairs",
-        action="append",
-        metavar=("TARGET", "SOURCE"),
-        default=[],
-        help="also draw this pair",
-    )
+    add_pairs(plot, "also draw this pair")
     plot.add_argument(
         "--velocity",
         action="store_true",
