@@ -190,7 +190,7 @@ class TransformClient(Lookups, Estimates, Writes, Introspection):
         It counts if a replica gave it: see docs/how-to/replicas.md. None if the server itself
         answered.
         """
-        return self._connection.replica_age_s
+        return self._connection.exchange.replica_age_s
 
     @property
     def last_receipt(self) -> Receipt | None:

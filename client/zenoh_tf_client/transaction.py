@@ -192,7 +192,7 @@ class Transaction:
         """Whether what was read needs no comparison with the server's state."""
         # A single read of the server is one snapshot by itself; several were taken at different
         # times, and one of a replica may be old.
-        most = 0 if self._connection.reads_may_be_old else 1
+        most = 0 if self._connection.exchange.reads_may_be_old else 1
         return self._reads <= most
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import zenoh
 
 from .. import threads
 from ..errors import ServerUnavailable
-from .steps import Ask, Pause, Steps
+from .steps import Ask, AskStatus, Pause, Steps
 
 if TYPE_CHECKING:
     from .feed import MirrorFeed
@@ -34,7 +35,7 @@ class OwnThreads:
     def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
         """Start a thread for a routine. False: there are too many, or the program is ending."""
         try:
-            threads.start("mirror request", _take, feed, steps)
+            threads.start("mirror request", threads.run_steps, steps, partial(_take, feed))
         except RuntimeError:
             return False
         return True
@@ -64,21 +65,10 @@ def _listen_to(feed: MirrorFeed, receiver: Any) -> None:
         feed.take(batch)
 
 
-def _take(feed: MirrorFeed, steps: Steps[None]) -> None:
-    outcome: Any = None
-    error: Exception | None = None
-    while True:
-        try:
-            step = steps.send(outcome) if error is None else steps.throw(error)
-        except StopIteration:
-            return
-        outcome = error = None
-        try:
-            if isinstance(step, Pause):
-                outcome = feed.wait_for_end(step.seconds)
-            elif isinstance(step, Ask):
-                outcome = feed.source.ask(step.request_type, step.body, step.wait_s)
-            else:
-                outcome = feed.source.status()
-        except Exception as failure:  # the routine decides what it means
-            error = failure
+def _take(feed: MirrorFeed, step: Pause | Ask | AskStatus) -> object:
+    """Take one step of a routine; return its outcome."""
+    if isinstance(step, Pause):
+        return feed.wait_for_end(step.seconds)
+    if isinstance(step, Ask):
+        return feed.source.ask(step.request_type, step.body, step.wait_s)
+    return feed.source.status()

@@ -197,7 +197,7 @@ class AsyncTransformClient(AsyncLookups, AsyncEstimates, AsyncWrites, AsyncIntro
         It counts if a replica gave it: see docs/how-to/replicas.md. None if the server itself
         answered.
         """
-        return self._connection.opened.replica_age_s
+        return self._connection.opened.exchange.replica_age_s
 
     @property
     def last_receipt(self) -> Receipt | None:

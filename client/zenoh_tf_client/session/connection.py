@@ -11,10 +11,11 @@ from typing import ClassVar, Final, Protocol, TypeVar
 
 import zenoh
 
+from zenoh_tf import threads
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.queries import NoReply, Queries
-from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
+from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
 from ..requests.receipt import Receipt
 from ..requests.request import Request
@@ -24,7 +25,7 @@ from .local_requests import LocalRequests
 from .opening import open_session
 from .served_trees import no_server_message, served_trees
 from .server_info import ServerInfo
-from .steps import Pause, ReadQuery, Steps, decode
+from .steps import Ask, Pause, ReadQuery, Steps, decode
 
 T = TypeVar("T")
 
@@ -142,16 +143,6 @@ class Connection:
         return self.exchange.server if replica is None else replica.server
 
     @property
-    def reads_may_be_old(self) -> bool:
-        """True once a replica has answered: only the server knows whether a read is current."""
-        return self.exchange.reads_may_be_old
-
-    @property
-    def replica_age_s(self) -> float | None:
-        """How old the last reply may be, in seconds; None if it was the server's own."""
-        return self.exchange.replica_age_s
-
-    @property
     def closed(self) -> bool:
         """True once `close` was called."""
         return self.calls.closed
@@ -216,22 +207,13 @@ class Connection:
 
     def _run(self, steps: Steps[T]) -> T:
         """Run the steps one after another, and return their result."""
-        outcome: bytes | NoReply | None = None
-        error: TransformException | None = None
-        while True:
-            try:
-                step = steps.send(outcome) if error is None else steps.throw(error)
-            except StopIteration as end:
-                result: T = end.value
-                return result
-            outcome = error = None
-            if isinstance(step, Pause):
-                time.sleep(step.seconds)
-                continue
-            try:
-                outcome = self._ask(self.exchange.server, step.key, step.payload, step.timeout_s)
-            except TransformException as failure:
-                error = failure
+        return threads.run_steps(steps, self._take)
+
+    def _take(self, step: Ask | Pause) -> bytes | NoReply | None:
+        if isinstance(step, Pause):
+            time.sleep(step.seconds)
+            return None
+        return self._ask(self.exchange.server, step.key, step.payload, step.timeout_s)
 
     def _ask(
         self, server: ServerInfo | None, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
