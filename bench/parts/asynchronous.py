@@ -10,7 +10,8 @@ import signal
 import statistics
 import time
 import timeit
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
+from typing import Any
 
 import uvloop
 
@@ -27,7 +28,7 @@ UNDER_WAY = 10_000
 LOOPS = {"asyncio": asyncio.new_event_loop, "uvloop": uvloop.new_event_loop}
 
 #: Runs a trial of an asynchronous client on its loop.
-Run = Callable[[Callable[[AsyncTransformClient], Awaitable[Trial]]], Trial]
+Run = Callable[[Callable[[AsyncTransformClient], Coroutine[Any, Any, Trial]]], Trial]
 
 
 def measure(report: Report) -> None:
@@ -59,11 +60,7 @@ def measure(report: Report) -> None:
 def _client(loop: str, endpoint: str) -> Iterator[Run]:
     with asyncio.Runner(loop_factory=LOOPS[loop]) as runner:
         tf = runner.run(AsyncTransformClient.connect(endpoint, timeout_s=60.0, reads="query"))
-
-        async def run(trial: Callable[[AsyncTransformClient], Awaitable[Trial]]) -> Trial:
-            return await trial(tf)
-
-        yield lambda trial: runner.run(run(trial))
+        yield lambda trial: runner.run(trial(tf))
         runner.run(tf.close())
 
 
