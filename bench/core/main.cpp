@@ -15,18 +15,6 @@ namespace bench {
 
 namespace {
 
-// NAME=VALUE words. Getting one that is missing, or no number, throws std::exception.
-struct Settings : std::map<std::string, std::string> {
-  explicit Settings(std::istream& words) {
-    for (std::string word; words >> word;)
-      (*this)[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
-  }
-  [[nodiscard]] double number(const std::string& name) const { return std::stod(at(name)); }
-  [[nodiscard]] unsigned count(const std::string& name) const {
-    return static_cast<unsigned>(std::stoul(at(name)));
-  }
-};
-
 const std::map<std::string, Read> kReads{{"latest-common", Read::latest_common},
                                          {"latest-common-by-name", Read::latest_common_by_name},
                                          {"latest-xact", Read::latest_xact},
@@ -50,23 +38,20 @@ double resident_bytes() {
 
 class Bench {
  public:
-  // system: "optimistic", "2pl", "giant" or "tf2"; links: see make_names(); samples, period_ns:
-  // each link's history; cache_s, max_samples, child_to_parent: see SystemOptions.
+  // Settings: those of the systems, of which "tf2" is one; links, see make_names(); samples and
+  // period_ns, each link's history.
   explicit Bench(const Settings& settings)
       : names_(make_names(settings.count("links"))),
         samples_(settings.count("samples")),
-        period_(static_cast<Stamp>(settings.number("period_ns"))),
-        options_{static_cast<Stamp>(settings.number("cache_s") * 1e9),
-                 settings.count("max_samples"), settings.count("child_to_parent") != 0} {
+        period_(static_cast<Stamp>(settings.number("period_ns"))) {
     const double before = resident_bytes();
-    const std::string& system = settings.at("system");
-    if (system != "tf2") instance_.system = make_tree_system(system, names_, options_);
+    if (settings.at("system") != "tf2") instance_.system = make_tree_system(names_, settings);
 #ifdef BENCH_WITH_TF2
-    if (system == "tf2") instance_.system = make_tf2_system(names_, options_);
+    if (settings.at("system") == "tf2") instance_.system = make_tf2_system(names_, settings);
 #endif
     Metrics metrics;  // none without the system
     if (instance_.system) {
-      fill();
+      fill(settings.count("child_to_parent") != 0);
       metrics["bytes_per_frame"] = (resident_bytes() - before) / size();
     }
     print(metrics);
@@ -93,10 +78,10 @@ class Bench {
 
  private:
   // Creates the frames in the wanted order, then adds the rest of the history, many links at once.
-  void fill() {
+  void fill(bool child_to_parent) {
     System& system = *instance_.system;
     for (FrameIndex i = 1; i < size(); ++i) {
-      const FrameIndex link = options_.child_to_parent ? size() - i : i;
+      const FrameIndex link = child_to_parent ? size() - i : i;
       if (!system.write(link, 1, kStart)) throw std::runtime_error("not stored");
     }
     system.resolve_ids();
@@ -140,7 +125,6 @@ class Bench {
   const Names names_;
   const unsigned samples_;
   const Stamp period_;
-  const SystemOptions options_;
   Instance instance_;
 };
 

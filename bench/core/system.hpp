@@ -7,6 +7,8 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <istream>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -85,10 +87,16 @@ struct Reply {
   Stamp stamp = 0;  // the oldest used
 };
 
-struct SystemOptions {
-  Stamp cache = 0;               // how far history reaches back, ns
-  unsigned max_samples = 0;      // of a link; tf2 has no such limit
-  bool child_to_parent = false;  // the order in which frames are created and links written
+// NAME=VALUE words. Getting one that is missing, or no number, throws std::exception.
+struct Settings : std::map<std::string, std::string> {
+  explicit Settings(std::istream& words) {
+    for (std::string word; words >> word;)
+      (*this)[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
+  }
+  [[nodiscard]] double number(const std::string& name) const { return std::stod(at(name)); }
+  [[nodiscard]] unsigned count(const std::string& name) const {
+    return static_cast<unsigned>(std::stoul(at(name)));
+  }
 };
 
 class System {
@@ -109,10 +117,11 @@ class System {
   virtual unsigned write(FrameIndex first, unsigned links, Stamp stamp) = 0;
 };
 
-// `concurrency`: "optimistic", "2pl" or "giant". The names must outlive the system.
-std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Names& names,
-                                         const SystemOptions& options);
-std::unique_ptr<System> make_tf2_system(const Names& names, const SystemOptions& options);
+// Settings: cache_s, how far history reaches back; max_samples of a link, which tf2 does not limit;
+// child_to_parent, the order in which links are written; and for the tree `system`, its concurrency
+// control: "optimistic", "2pl" or "giant". The names must outlive the system.
+std::unique_ptr<System> make_tree_system(const Names& names, const Settings& settings);
+std::unique_ptr<System> make_tf2_system(const Names& names, const Settings& settings);
 
 // Keeps a result from being optimised away.
 inline void keep(const double& value) { asm volatile("" : : "m"(value) : "memory"); }

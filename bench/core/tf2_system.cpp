@@ -14,10 +14,10 @@ namespace {
 
 class Tf2System final : public System {
  public:
-  Tf2System(const Names& names, const SystemOptions& options)
+  Tf2System(const Names& names, const Settings& settings)
       : names_(names),
-        child_to_parent_(options.child_to_parent),
-        buffer_(ros::Duration().fromNSec(options.cache)) {
+        child_to_parent_(settings.count("child_to_parent") != 0),
+        buffer_(ros::Duration(settings.number("cache_s"))) {
     // Silences the warning that two writers have set a link at the same nanosecond.
     console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);
   }
@@ -75,8 +75,8 @@ class Tf2System final : public System {
 
 }  // namespace
 
-std::unique_ptr<System> make_tf2_system(const Names& names, const SystemOptions& options) {
-  return std::make_unique<Tf2System>(names, options);
+std::unique_ptr<System> make_tf2_system(const Names& names, const Settings& settings) {
+  return std::make_unique<Tf2System>(names, settings);
 }
 
 }  // namespace bench

@@ -61,17 +61,17 @@ class TreeSystem final : public System {
 
 }  // namespace
 
-std::unique_ptr<System> make_tree_system(const std::string& concurrency, const Names& names,
-                                         const SystemOptions& options) {
-  ztf::Options tree;
-  tree.cache_ns = static_cast<std::uint64_t>(options.cache);
-  tree.max_frames = static_cast<unsigned>(names.size());
-  tree.max_samples_per_frame = options.max_samples;
-  tree.max_depth = 0;  // no limit
-  tree.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
-                     : concurrency == "2pl" ? ztf::Concurrency::two_phase
-                                            : ztf::Concurrency::optimistic;
-  return std::make_unique<TreeSystem>(names, options.child_to_parent, tree);
+std::unique_ptr<System> make_tree_system(const Names& names, const Settings& settings) {
+  const std::string& concurrency = settings.at("system");
+  ztf::Options options;
+  options.cache_ns = static_cast<std::uint64_t>(settings.number("cache_s") * 1e9);
+  options.max_frames = static_cast<unsigned>(names.size());
+  options.max_samples_per_frame = settings.count("max_samples");
+  options.max_depth = 0;  // no limit
+  options.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
+                        : concurrency == "2pl" ? ztf::Concurrency::two_phase
+                                               : ztf::Concurrency::optimistic;
+  return std::make_unique<TreeSystem>(names, settings.count("child_to_parent") != 0, options);
 }
 
 }  // namespace bench
