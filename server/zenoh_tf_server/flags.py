@@ -205,7 +205,6 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
 
 def settings(options: argparse.Namespace) -> ServerSettings:
     """The settings of a server with these flags."""
-    limits = limit_flags.from_flags(options)
     return ServerSettings(
         tree=options.tree,
         listen=options.listen,
@@ -215,10 +214,10 @@ def settings(options: argparse.Namespace) -> ServerSettings:
         one_authority_per_frame=options.one_authority_per_frame,
         time_jump=options.time_jump,
         workers=options.workers,
-        limits=limits,
+        limits=limit_flags.from_flags(options),
         future=future_stamps.from_flags(options),
         security=options.security,
-        monitoring=monitoring.from_flags(options, limits),
+        metrics=options.metrics,
         state=state.from_flags(options),
         sharing=sharing.from_flags(options),
         ros2=ros2.from_flags(options),

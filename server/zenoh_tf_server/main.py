@@ -69,7 +69,7 @@ async def serve(settings: ServerSettings) -> NoReturn:
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
-    monitoring = Monitoring(settings.monitoring)
+    monitoring = Monitoring(settings.metrics, settings.limits)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.ensure_future(asyncio.to_thread(_start, settings, loop))

@@ -9,7 +9,6 @@ from typing import Literal
 from .federation.settings import FederationSettings
 from .ingest.future_stamps import FutureStamps
 from .limits import Limits
-from .monitoring.monitoring import MonitoringSettings
 from .motion_limits import MotionLimits
 from .process.sharing import SharingSettings
 from .ros2.settings import Ros2Settings
@@ -33,7 +32,7 @@ class ServerSettings:
     limits: Limits
     future: FutureStamps = field(default_factory=FutureStamps)
     security: Security = OPEN
-    monitoring: MonitoringSettings = field(default_factory=MonitoringSettings)
+    metrics: tuple[str, int] | None = None  # host and port where they are served
     state: StateSettings = field(default_factory=StateSettings)
     sharing: SharingSettings = field(default_factory=SharingSettings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)

@@ -11,7 +11,7 @@ from tests.support.logged_trees import CACHE_S, FEW_FRAMES, Writer, logged, make
 from zenoh_tf import TransformTree, wire
 from zenoh_tf.errors import ServerBusy, ServerRestarted
 from zenoh_tf.mirrors.mirroring import Mirroring, MirrorRequest
-from zenoh_tf_server.streams.recent_messages import RecentMessages
+from zenoh_tf_server.streams.publisher import RecentMessages
 
 SETTINGS = wire.TreeSettings(round(CACHE_S * 1e9), 64, 16, 255, 1000)
 

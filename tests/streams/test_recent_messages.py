@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from zenoh_tf_server.streams.recent_messages import RecentMessages
+from zenoh_tf_server.streams.publisher import RecentMessages
 
 COST = 300  # of a message of 100 bytes
 

@@ -15,8 +15,8 @@ from typing import Final
 
 from ..errors import AccessDenied, InvalidArgumentException, ServerUnavailable
 from ..errors import TransformException as Failure
-from . import tls_files, zenoh_config
-from .credentials import Credentials
+from . import zenoh_config
+from .credentials import Credentials, load_authorities, load_certificate
 
 _TIMEOUT_S: Final = 2.0
 #: How long a server may take to refuse a client's certificate after the handshake.
@@ -147,9 +147,9 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
         context = ssl.create_default_context()
     else:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        tls_files.load_authorities(context, credentials.ca)
+        load_authorities(context, credentials.ca)
     if credentials.certificate is not None and credentials.key is not None:
-        tls_files.load_certificate(context, credentials.certificate, credentials.key)
+        load_certificate(context, credentials.certificate, credentials.key)
     return context
 
 

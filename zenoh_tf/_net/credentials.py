@@ -6,6 +6,7 @@ A password is never part of a text that this module makes.
 from __future__ import annotations
 
 import os
+import ssl
 import stat
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -161,3 +162,44 @@ def from_parts(
     if not any(parts):
         return NO_CREDENTIALS
     return Credentials(*(part or None for part in parts))
+
+
+def load_certificate(
+    context: ssl.SSLContext, certificate: FilePath, key: FilePath, prefix: str = ""
+) -> None:
+    """Load a certificate and its private key.
+
+    Raises:
+        InvalidArgumentException: They are no such files, or not a pair. `field` is "certificate" or
+            "key" behind the prefix.
+    """
+    shown, shown_key = repr(os.fspath(certificate)), repr(os.fspath(key))
+    try:
+        # Without a password of its own, OpenSSL would ask for one on the terminal.
+        context.load_cert_chain(certificate, key, password=lambda: b"")
+    except (ssl.SSLError, OSError, ValueError) as error:
+        if getattr(error, "reason", None) == "KEY_VALUES_MISMATCH":
+            raise InvalidArgumentException(
+                f"the {prefix}key file {shown_key} is not the key of the certificate {shown}",
+                field=f"{prefix}key",
+            ) from error
+        raise InvalidArgumentException(
+            f"{shown} and its key {shown_key} are not a certificate and an unencrypted private "
+            "key in PEM",
+            field=f"{prefix}certificate",
+        ) from error
+
+
+def load_authorities(context: ssl.SSLContext, ca: FilePath, prefix: str = "") -> None:
+    """Load the certificates of authorities.
+
+    Raises:
+        InvalidArgumentException: The file has none. `field` is "ca" behind the prefix.
+    """
+    try:
+        context.load_verify_locations(ca)
+    except (ssl.SSLError, OSError) as error:
+        raise InvalidArgumentException(
+            f"the {prefix}ca file {os.fspath(ca)!r} has no certificates in PEM",
+            field=f"{prefix}ca",
+        ) from error

@@ -35,6 +35,7 @@ _COMMON: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "transport/shared_memory/enabled": False,
+    "scouting/delay": 0,  # there is nothing to wait for
 }
 
 

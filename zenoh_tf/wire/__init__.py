@@ -1,9 +1,9 @@
 """The wire protocol, version 1: msgpack maps with columns. No I/O; client and server share it.
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `estimates` has
-poses with errors, `commit` writes, `calls` batches, info and admin requests, `stats` counters,
-`stream` what mirrors follow, and `interest` which part of it. docs/reference/protocol.md describes
-it for other languages.
+poses with errors, `commit` writes, `calls` batches, info and admin requests, `stream` what
+mirrors follow, and `interest` which part of it. docs/reference/protocol.md describes it for other
+languages.
 """
 
 from .calls import (
@@ -12,7 +12,9 @@ from .calls import (
     call_body,
     parse_batch,
     parse_batch_reply,
+    parse_stats,
     parse_value,
+    stats_value,
 )
 from .commit import (
     Commit,
@@ -97,7 +99,6 @@ from .replica import (
     parse_replica,
     with_field,
 )
-from .stats import parse_stats, stats_value
 from .stream import (
     NO_BOUNDS,
     Changes,

@@ -7,12 +7,15 @@ from typing import Any, Final
 
 import msgpack
 
+from ..errors import ProtocolError
 from ..text import quoted
 from .error_codec import raise_error
 from .fields import VERSION, Message, items, malformed
 
 #: The request types that a batch may have.
 BATCH_TYPES: Final = ("lookup", "commit", "info")
+#: The field with what is counted for each robot (`--mirror-of`).
+_ROBOTS = "robots"
 
 
 def batch_body(
@@ -80,3 +83,29 @@ def parse_value(reply: Message, kind: type | tuple[type, ...]) -> Any:
         names = " or ".join(each.__name__ for each in expected)
         raise malformed("value", f"of type {names}, not {type(value).__name__}")
     return value
+
+
+def stats_value(counters: dict[str, Any]) -> Message:
+    """The value of the reply to `stats`. Robots are in a list, as a map has few keys: a counter
+    NAME/ROBOT stands in the map of its robot."""
+    value: Message = {}
+    robots: dict[str, Message] = {}
+    for key, count in counters.items():
+        name, slash, robot = key.partition("/")
+        if slash:
+            robots.setdefault(robot, {"name": robot})[name] = count
+        else:
+            value[key] = count
+    return value | {_ROBOTS: list(robots.values())} if robots else value
+
+
+def parse_stats(value: Message) -> dict[str, Any]:
+    """The counters in the value of a reply. Raises ProtocolError."""
+    counters = {name: count for name, count in value.items() if name != _ROBOTS}
+    for robot in value.get(_ROBOTS, ()):
+        if type(robot) is not dict or type(robot.get("name")) is not str:
+            raise ProtocolError("the reply has robots without a name", field=_ROBOTS)
+        for name, count in robot.items():
+            if name != "name":
+                counters[f"{name}/{robot['name']}"] = count
+    return counters

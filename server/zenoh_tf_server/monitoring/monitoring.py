@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-from dataclasses import dataclass
 from typing import Final
 
 from zenoh_tf.text import quoted
@@ -22,14 +21,8 @@ log = logging.getLogger("zenoh_tf.server")
 _PROBES_PER_WATCHDOG: Final = 3.0
 
 
-@dataclass(frozen=True)
-class MonitoringSettings:
-    metrics: tuple[str, int] | None = None  # host and port; None: no port
-    max_authorities: int = 100
-
-
 def add_flags(flags: argparse._ArgumentGroup) -> None:
-    """Add the flags of `from_flags`."""
+    """Add the flags of this module."""
     flags.add_argument(
         "--metrics",
         type=parse_address,
@@ -39,35 +32,31 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
     )
 
 
-def from_flags(options: argparse.Namespace, limits: Limits) -> MonitoringSettings:
-    """The settings that the flags say."""
-    return MonitoringSettings(options.metrics, limits.metrics_authorities)
-
-
 class Monitoring:
     """Listens for Prometheus from construction to the process's end, also while no server is
     there yet."""
 
-    def __init__(self, settings: MonitoringSettings) -> None:
-        """Raises NetworkError or MetricsMissing."""
+    def __init__(self, metrics: tuple[str, int] | None, limits: Limits) -> None:
+        """`metrics`: the host and port where they are served; None: nowhere. Raises NetworkError or
+        MetricsMissing."""
         watchdog_s = service_manager.watchdog_s()
         period_s = min(PERIOD_S, (watchdog_s or PERIOD_S * 9) / _PROBES_PER_WATCHDOG)
         self._health = Health(period_s)
         # The answer to a probe proves that the service works, which a timer would not.
         if watchdog_s is not None:
             self._health.answered = lambda: service_manager.notify(WATCHDOG=1)
-        self._probes = watchdog_s is not None or settings.metrics is not None
+        self._probes = watchdog_s is not None or metrics is not None
         self._server: RunningServer | None = None
         self._metrics: Metrics | None = None
         self._port: StatusPort | None = None
-        if settings.metrics is not None:
-            self._metrics = metrics = Metrics(self._health, settings.max_authorities)
+        if metrics is not None:
+            self._metrics = found = Metrics(self._health, limits.metrics_authorities)
             pages = {
-                "/metrics": lambda: Page(200, metrics.page(), metrics.content_type),
+                "/metrics": lambda: Page(200, found.page(), found.content_type),
                 "/healthz": self._healthz,
                 "/readyz": self._readyz,
             }
-            self._port = StatusPort(settings.metrics, pages)
+            self._port = StatusPort(metrics, pages)
 
     def serving(self, server: RunningServer) -> None:
         """The tree is claimed and served."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import zenoh
@@ -59,37 +59,57 @@ def open_session(
     Raises:
         NetworkError: The endpoints cannot be reached or listened on.
     """
-    max_message_bytes = RECEIVE_MARGIN * limits.message_bytes
+    # The stream of changes is of this priority: a burst must not be dropped at once.
+    queue = "transport/link/tx/queue/size/data_low"
+    if not connect:
+        settings = security.router_settings(tree) | {queue: 16, "scouting/gossip/enabled": gossip}
+        return open_router(listen, limits, limits.message_bytes, settings)
     try:
-        if connect:
-            config = zenoh_config.client(
-                connect,
-                CONNECT_TIMEOUT_S,
-                retry=RETRY,
-                max_message_bytes=max_message_bytes,
-                credentials=security.credentials,
-            )
-        else:
-            config = zenoh_config.router(
-                listen,
-                max_sessions=limits.connections,
-                max_message_bytes=max_message_bytes,
-                security=security.router_settings(tree),
-            )
-        # The stream of changes is of this priority: a burst must not be dropped at once.
-        config.insert_json5("transport/link/tx/queue/size/data_low", "16")
-        if gossip and not connect:
-            config.insert_json5("scouting/gossip/enabled", "true")
-        config.insert_json5("scouting/delay", "0")  # scouting is off: waiting for it is useless
+        config = zenoh_config.client(
+            connect,
+            CONNECT_TIMEOUT_S,
+            retry=RETRY,
+            max_message_bytes=RECEIVE_MARGIN * limits.message_bytes,
+            credentials=security.credentials,
+        )
+        config.insert_json5(queue, "16")
         return _open(config, connect)
     except zenoh.ZError as error:
-        if connect:
-            failure = connect_failure.explain_all(
-                connect, tree, CONNECT_TIMEOUT_S, security.credentials
+        failure = connect_failure.explain_all(
+            connect, tree, CONNECT_TIMEOUT_S, security.credentials
+        )
+        if isinstance(failure, AccessDenied):
+            raise NetworkError(f"cannot connect: {failure}") from error
+        where = ", ".join(map(zenoh_config.address, connect))
+        raise NetworkError(
+            f"cannot connect to {where} within {CONNECT_TIMEOUT_S:g} s: is a router there?"
+        ) from error
+
+
+def open_router(
+    listen: Sequence[str], limits: Limits, max_bytes: int, settings: Mapping[str, object]
+) -> zenoh.Session:
+    """Open a router with further settings, which receives messages of up to `max_bytes`, and larger
+    ones to refuse them.
+
+    Raises:
+        NetworkError: The endpoints cannot be listened on.
+    """
+    try:
+        return zenoh.open(
+            zenoh_config.router(
+                listen,
+                max_sessions=limits.connections,
+                max_message_bytes=RECEIVE_MARGIN * max_bytes,
+                security=settings,
             )
-            if isinstance(failure, AccessDenied):
-                raise NetworkError(f"cannot connect: {failure}") from error
-        raise NetworkError(explain(str(error), listen, connect)) from error
+        )
+    except zenoh.ZError as error:
+        where = ", ".join(map(zenoh_config.address, listen))
+        reason = str(error).split(" at /", maxsplit=1)[0]  # without the path into its sources
+        if "Address already in use" in reason:
+            reason = "the port is already in use"
+        raise NetworkError(f"cannot listen on {where}: {reason}") from error
 
 
 def _open(config: zenoh.Config, connect: Sequence[str]) -> zenoh.Session:
@@ -141,14 +161,3 @@ def addresses(session: zenoh.Session) -> Callable[[], dict[str, str]]:
     """A function that returns the address at the other end of each link, such as
     ``tcp/10.0.0.7:50312``, by the Zenoh id there."""
     return lambda: {str(link.zid): link.dst for link in session.info.links()}
-
-
-def explain(reason: str, listen: Sequence[str], connect: Sequence[str] = ()) -> str:
-    """Zenoh's reason in terms of the flags, without the paths into its sources."""
-    if connect:
-        where = ", ".join(map(zenoh_config.address, connect))
-        return f"cannot connect to {where} within {CONNECT_TIMEOUT_S:g} s: is a router there?"
-    where = ", ".join(map(zenoh_config.address, listen))
-    if "Address already in use" in reason:
-        return f"cannot listen on {where}: the port is already in use"
-    return f"cannot listen on {where}: {reason.split(' at /', maxsplit=1)[0]}"

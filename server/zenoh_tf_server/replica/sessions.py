@@ -11,7 +11,6 @@ Thread safety: none; `ReplicaServer` opens and closes them.
 
 from __future__ import annotations
 
-import json
 import os
 import secrets
 import tempfile
@@ -24,10 +23,10 @@ from typing import Any, Final
 import zenoh
 
 from zenoh_tf import wire
-from zenoh_tf._net import credentials, keys, zenoh_config
+from zenoh_tf._net import credentials, keys
 
 from ..limits import Limits
-from ..process.network import CONNECT_TIMEOUT_S, RECEIVE_MARGIN, RETRY, NetworkError, explain
+from ..process.network import CONNECT_TIMEOUT_S, RETRY, NetworkError, open_router
 from ..security import access_control
 from ..security.access_rules import EVERYTHING, AccessRule
 from ..security.settings import Security
@@ -101,25 +100,18 @@ class ReplicaSessions:
         self, listen: Sequence[str], connect: Sequence[str], settings: Mapping[str, object]
     ) -> zenoh.Session:
         limits = self._limits
+        max_bytes = max(limits.message_bytes, wire.MAX_REPLY_BYTES)
+        joining = {
+            "connect/endpoints": list(connect),
+            "connect/exit_on_failure": False,
+            "connect/timeout_ms": -1,
+            "connect/retry": RETRY,
+        }
         try:
-            config = zenoh_config.router(
-                listen,
-                max_sessions=limits.connections,
-                max_message_bytes=RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES),
-                security=settings,
-            )
-            for key, value in {
-                "connect/endpoints": list(connect),
-                "connect/exit_on_failure": False,
-                "connect/timeout_ms": -1,
-                "connect/retry": RETRY,
-                "scouting/delay": 0,
-            }.items():
-                config.insert_json5(key, json.dumps(value))
-            session = zenoh.open(config)
-        except zenoh.ZError as error:
+            session = open_router(listen, limits, max_bytes, {**settings, **joining})
+        except NetworkError:
             self.close()
-            raise NetworkError(explain(str(error), listen)) from error
+            raise
         self._stack.callback(session.close)
         return session
 

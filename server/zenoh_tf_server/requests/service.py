@@ -30,8 +30,7 @@ from ..ingest.put_commits import Outcome, PutCounters
 from ..ingest.refusals import Refusals
 from ..limits import Limits
 from ..state.file import Stored
-from ..state.static_links import NO_TICKET, StaticLinks
-from ..state.tree_commits import Stores, apply
+from ..state.static_links import NO_TICKET, StaticLinks, Stores, apply
 from .admin import AdminRequests
 from .batches import Batch
 from .guard import RequestGuard

@@ -36,8 +36,7 @@ from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
 from zenoh_tf.threads import Periodic
 
 from ..rate_limited_log import RateLimitedLog
-from ..state.static_links import StaticLinks
-from ..state.tree_commits import Stores
+from ..state.static_links import StaticLinks, Stores
 from .publishers import AUTHORITIES, NODE, is_echo
 
 #: Reliable, volatile and transient local, as tf2's broadcasters; see docs/how-to/ros2.md.

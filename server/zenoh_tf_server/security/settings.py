@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, cast
 
-from zenoh_tf._net import credentials, tls_files, zenoh_config
+from zenoh_tf._net import credentials, zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException
 
@@ -204,10 +204,10 @@ def _check_tls_files(certificate: str, key: str, ca: str | None) -> None:
     credentials.check_readable(certificate, "tls_certificate")
     credentials.check_private(key, "tls_key")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    tls_files.load_certificate(context, certificate, key, "tls_")
+    credentials.load_certificate(context, certificate, key, "tls_")
     if ca is not None:
         credentials.check_readable(ca, "tls_ca")
-        tls_files.load_authorities(context, ca, "tls_")
+        credentials.load_authorities(context, ca, "tls_")
 
 
 def check_users(path: str) -> None:

@@ -15,8 +15,7 @@ from zenoh_tf.errors import TransformException
 from ..limits import Limits
 from .file import StateError, StateFile, Stored, StoredLink, Sync
 from .remember import LastPoses
-from .static_links import StaticLinks
-from .tree_commits import apply
+from .static_links import StaticLinks, apply
 from .writer import StateWriter
 
 log = logging.getLogger("zenoh_tf.server.state")

@@ -25,8 +25,7 @@ from zenoh_tf.errors import LookupException, TransactionConflict, TransformExcep
 
 from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
-from .file import Changes, Stored, Table
-from .tree_commits import Stores, apply, last_links
+from .file import Changes, Stored, StoredLink, Table
 from .writer import StateWriter
 
 #: How often an announcement is tried that meets other commits of the same frames.
@@ -35,6 +34,22 @@ _ANNOUNCE_ATTEMPTS: Final = 5
 _MAX_SINGLE_ROWS: Final = 4096
 #: A ticket of nothing.
 NO_TICKET: Final = 0
+
+#: What became of each row: (n,) uint8.
+Stores = NDArray[np.uint8]
+
+
+def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
+    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
+    return tree._commit_rows(
+        commit.rows,
+        authority=commit.authority,
+        static=commit.static,
+        drop_old=commit.drop_old,
+        read_names=commit.read_names,
+        read_versions=commit.read_versions,
+        expires_ns=commit.expires_ns,
+    )
 
 
 class StaticLinks:
@@ -182,7 +197,7 @@ class StaticLinks:
     # --- the rest requires the lock
 
     def _commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
-        links = last_links(commit, by_call=by_call)
+        links = _last_links(commit, by_call=by_call)
         new = links.keys() - self._names
         self._names |= new
         try:
@@ -314,3 +329,24 @@ class StaticLinks:
         if not changes or self._writer is None:
             return NO_TICKET
         return self._writer.put(changes)
+
+
+def _last_links(commit: wire.Commit, *, by_call: bool) -> dict[str, StoredLink]:
+    """The link of each child as the tree has it after a static commit: of several rows of one child
+    it applies the one with the highest stamp last, and the last of those."""
+    links: dict[str, StoredLink] = {}
+    names = commit.rows.names
+    columns = zip(
+        commit.rows.parent.tolist(),
+        commit.rows.child.tolist(),
+        commit.rows.stamp.tolist(),
+        commit.rows.pose.tolist(),
+        strict=True,
+    )
+    for parent, child, stamp_ns, pose in columns:
+        before = links.get(names[child])
+        if before is None or stamp_ns >= before.stamp_ns:
+            links[names[child]] = StoredLink(
+                names[parent], stamp_ns, tuple(pose), commit.authority, by_call
+            )
+    return links
