@@ -17,8 +17,8 @@ import uvloop
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import Pool, ServerProcess, starts
 from tests.support.both_clients import Blocking, LoopThread
-from tests.support.concurrency import CONTROLS
 from tests.support.raw import Raw, raw
+from tests.support.runs import CONTROLS
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.mapped_tree import Mode

@@ -15,7 +15,7 @@ import pytest
 
 from tests.history.checker import describe, find_anomaly
 from tests.history.history import COMMITTED, History, Liveliness, liveliness
-from tests.support.seed import seed
+from tests.support.runs import seed
 
 from .faults import FAULTS, Fault, faulty_server, faulty_text
 from .merge import Merged

@@ -15,7 +15,7 @@ from tests.processes import forks
 from tests.processes.line_process import LineProcess
 from tests.processes.servers import ServerProcess
 from tests.support import torn
-from tests.support.concurrency import CONTROLS
+from tests.support.runs import CONTROLS
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 

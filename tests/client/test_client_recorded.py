@@ -10,8 +10,8 @@ import pytest
 
 from tests.conftest import LendServer
 from tests.processes import forks
-from tests.support.concurrency import CONTROLS
 from tests.support.recorded import RUN, Question, needs_recording, questions
+from tests.support.runs import CONTROLS
 from zenoh_tf import StampedTransform, TransformException
 from zenoh_tf_client import Batch, Handle, TransformClient
 

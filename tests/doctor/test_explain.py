@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.concurrency import CONTROLS
 from tests.support.recorded import needs_recording, questions, transforms
+from tests.support.runs import CONTROLS
 from zenoh_tf import (
     Explanation,
     InvalidArgumentException,

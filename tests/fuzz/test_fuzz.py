@@ -12,7 +12,7 @@ import sys
 import pytest
 
 from tests.attack.processes import Server
-from tests.support.seed import seed
+from tests.support.runs import seed
 
 from .corpus import first_inputs, kept, mutated
 from .network import play

@@ -16,7 +16,7 @@ import zenoh
 
 from tests.attack.processes import Server
 from tests.processes.servers import NO_STALE_PUTS
-from tests.support.seed import seed
+from tests.support.runs import seed
 from zenoh_tf._core import TransformRows
 from zenoh_tf._net import zenoh_config
 from zenoh_tf.ros2 import attachment

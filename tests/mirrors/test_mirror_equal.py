@@ -14,7 +14,7 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
-from tests.support.concurrency import FRAME_LOCKS
+from tests.support.runs import FRAME_LOCKS
 from tests.support.threads import beside, together
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pytest
 
-from tests.support.concurrency import CONTROLS
+from tests.support.runs import CONTROLS
 from zenoh_tf import TransformTree
 
 from .calls import Fault, ask, same

@@ -14,7 +14,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
-from tests.support.concurrency import CONTROLS
+from tests.support.runs import CONTROLS
 from zenoh_tf import (
     EstimateArray,
     InvalidArgumentException,

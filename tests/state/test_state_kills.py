@@ -20,7 +20,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
-from tests.support.seed import seed
+from tests.support.runs import seed
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import LookupException, OutcomeUnknown, ServerUnavailable

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.concurrency import CONTROLS
+from tests.support.runs import CONTROLS
 from tests.support.threads import switching, together
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.concurrency import CONTROLS
 from tests.support.logged_trees import FEW_FRAMES, Mirror, Writer, logged, make_tree, state
+from tests.support.runs import CONTROLS
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows

@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.support.concurrency import CONTROLS
 from tests.support.logged_trees import (
     FEW_FRAMES,
     FRAMES,
@@ -23,6 +22,7 @@ from tests.support.logged_trees import (
     logged,
     state,
 )
+from tests.support.runs import CONTROLS
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader

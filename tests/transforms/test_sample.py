@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.processes.servers import ServerProcess
-from tests.support.concurrency import CONTROLS
+from tests.support.runs import CONTROLS
 from zenoh_tf import (
     InvalidArgumentException,
     StampedTransform,

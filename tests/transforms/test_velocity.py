@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.processes.servers import ServerProcess
-from tests.support.concurrency import CONTROLS
+from tests.support.runs import CONTROLS
 from zenoh_tf import StampedTransform, Transform, TransformTree, Velocity
 from zenoh_tf.errors import (
     ConnectivityException,

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.concurrency import CONTROLS
 from tests.support.moving_arm import MS, fill, tool_at
+from tests.support.runs import CONTROLS
 from zenoh_tf import (
     BackwardExtrapolationException,
     ConnectivityException,

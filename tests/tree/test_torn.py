@@ -17,7 +17,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.support import torn
-from tests.support.concurrency import FRAME_LOCKS
+from tests.support.runs import FRAME_LOCKS
 
 SECONDS = float(os.environ.get("ZTF_TORN_SECONDS", "3"))
 TRANSACTIONAL = ["lookup_latest_transform_xact", "lookup_transform"]
