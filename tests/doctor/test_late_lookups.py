@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from tests.support import command_line
 from tests.support.waiting import wait_until
 from zenoh_tf import ExtrapolationException, StampedTransform, Transform
 from zenoh_tf.doctor import diagnose
@@ -105,3 +106,11 @@ def test_questions_that_nobody_can_answer_are_no_fault_of_a_link(robot: Robot) -
         robot.tf.lookup_transform("map", "base")
 
     assert found(robot, ask) == []
+
+
+def test_the_record_of_the_frame_says_so(robot: Robot) -> None:
+    robot.fail(50, 70)
+    done = command_line.run("--connect", robot.tf.endpoint, "frame", "odom")
+    assert "  late         lookups: 2 failed, 0 waited" in done.stdout.splitlines()
+    done = command_line.run("--connect", robot.tf.endpoint, "frame", "base")
+    assert "late" not in done.stdout

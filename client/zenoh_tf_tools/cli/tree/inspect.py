@@ -113,7 +113,7 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
         facts[counter] = f"{getattr(frame, counter):,}"
     facts["conflicts"] = f"{frame.authority_changes:,}"
     if frame.late_failures or frame.late_waits:
-        facts["late"] = f"{frame.late_failures:,} lookups failed, {frame.late_waits:,} waited"
+        facts["late"] = f"lookups: {frame.late_failures:,} failed, {frame.late_waits:,} waited"
     change = frame.last_change
     if change is not None:
         done = {"authority": "taken over"}.get(change.kind, change.kind)
