@@ -16,15 +16,17 @@ from .mapped_tree import Mode
 ENDPOINT_VARIABLE: Final = "ZENOH_TF_CONNECT"
 #: The tree's name.
 TREE_VARIABLE: Final = "ZENOH_TF_TREE"
-#: The file with the certificates of the authorities that sign servers' certificates.
-CA_VARIABLE: Final = "ZENOH_TF_CA"
-#: The files with this client's certificate and its private key.
-CERTIFICATE_VARIABLE: Final = "ZENOH_TF_CERTIFICATE"
-KEY_VARIABLE: Final = "ZENOH_TF_KEY"
-#: The user, and the password or a file that has it.
-USER_VARIABLE: Final = "ZENOH_TF_USER"
-PASSWORD_VARIABLE: Final = "ZENOH_TF_PASSWORD"
-PASSWORD_FILE_VARIABLE: Final = "ZENOH_TF_PASSWORD_FILE"
+#: The parts of `credentials.from_parts`: files with the certificates of the authorities that sign
+#: servers' certificates, with this client's certificate and its private key; the user, and the
+#: password or a file that has it.
+CREDENTIALS: Final = {
+    "ca": "ZENOH_TF_CA",
+    "certificate": "ZENOH_TF_CERTIFICATE",
+    "key": "ZENOH_TF_KEY",
+    "user": "ZENOH_TF_USER",
+    "password": "ZENOH_TF_PASSWORD",
+    "password_file": "ZENOH_TF_PASSWORD_FILE",
+}
 #: How lookups are answered: "shared" or "query"; see `TransformClient.connect`.
 READS_VARIABLE: Final = "ZENOH_TF_READS"
 
@@ -44,24 +46,12 @@ def reads() -> Mode:
     return cast(Mode, os.environ.get(READS_VARIABLE) or "shared")
 
 
-def client_credentials(
-    *,
-    ca: str | None = None,
-    certificate: str | None = None,
-    key: str | None = None,
-    user: str | None = None,
-    password_file: str | None = None,
-) -> Credentials:
-    """The credentials to connect with; an argument counts more than its variable.
+def client_credentials(**parts: str | None) -> Credentials:
+    """The credentials to connect with; an argument, named as in `CREDENTIALS`, counts more than its
+    variable.
 
     Raises:
         InvalidArgumentException: A part is missing or wrong; `field` names it.
     """
-    return credentials.from_parts(
-        ca or os.environ.get(CA_VARIABLE),
-        certificate or os.environ.get(CERTIFICATE_VARIABLE),
-        key or os.environ.get(KEY_VARIABLE),
-        user or os.environ.get(USER_VARIABLE),
-        os.environ.get(PASSWORD_VARIABLE),
-        password_file or os.environ.get(PASSWORD_FILE_VARIABLE),
-    )
+    found = {name: parts.get(name) or os.environ.get(each) for name, each in CREDENTIALS.items()}
+    return credentials.from_parts(**found)

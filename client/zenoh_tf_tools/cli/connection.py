@@ -5,12 +5,22 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from typing import Final
 
 from zenoh_tf import LookupException, TransformException
 from zenoh_tf.text.similar import did_you_mean
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.mapped_tree import Mode
+
+#: The options of `add_credentials`: the name of the credential, and what its help says.
+_CREDENTIALS: Final = (
+    ("ca", "--tls-ca", "FILE", "authorities that sign certificates"),
+    ("certificate", "--tls-certificate", "FILE", "the client's certificate"),
+    ("key", "--tls-key", "FILE", "the certificate's private key"),
+    ("user", "--user", "NAME", "the user to connect as"),
+    ("password_file", "--password-file", "FILE", "file whose first line is the password"),
+)
 
 
 @contextmanager
@@ -23,11 +33,7 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
     a note with the names that may be meant.
     """
     credentials = environment.client_credentials(
-        ca=args.tls_ca,
-        certificate=args.tls_certificate,
-        key=args.tls_key,
-        user=args.user,
-        password_file=args.password_file,
+        **{name: getattr(args, name) for name, *_ in _CREDENTIALS}
     )
     with (
         TransformClient.connect(
@@ -67,21 +73,11 @@ def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> 
     """Add the options that say who the user is. There is none for the password itself, because
     every user of the machine can see the arguments of a process."""
     group = parser.add_argument_group("keys and users")
-    for option, metavar, variable, meaning in (
-        ("tls-ca", "FILE", environment.CA_VARIABLE, "authorities that sign certificates"),
-        ("tls-certificate", "FILE", environment.CERTIFICATE_VARIABLE, "the client's certificate"),
-        ("tls-key", "FILE", environment.KEY_VARIABLE, "the certificate's private key"),
-        ("user", "NAME", environment.USER_VARIABLE, "the user to connect as"),
-        (
-            "password-file",
-            "FILE",
-            environment.PASSWORD_FILE_VARIABLE,
-            "file whose first line is the password",
-        ),
-    ):
+    for name, option, metavar, meaning in _CREDENTIALS:
         group.add_argument(
-            f"--{option}",
+            option,
+            dest=name,
             metavar=metavar,
             default=default,
-            help=f"{meaning} (default: the environment's {variable})",
+            help=f"{meaning} (default: the environment's {environment.CREDENTIALS[name]})",
         )
