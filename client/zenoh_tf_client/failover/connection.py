@@ -6,20 +6,31 @@ Thread safety: all functions and methods.
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Final, TypeVar
 
-from zenoh_tf._net import zenoh_config
+import zenoh
+
+from zenoh_tf import wire
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf._net.credentials import Credentials
+from zenoh_tf._net.queries import Queries
+from zenoh_tf.errors import TransformException
 
+from ..requests import info
 from ..requests.request import Request
+from ..session.calls import SessionCalls
 from ..session.connection import Connection, Listener
+from ..session.opening import try_session
 from .exchange import FailoverExchange
 from .link_watch import LinkWatch
-from .probe import serves
 from .queries import WatchedQueries
 
 T = TypeVar("T")
+
+#: How long each step may take: an endpoint that needs longer is no gain.
+_STEP_S: Final = 1.0
 
 
 def open_connection(
@@ -61,7 +72,7 @@ class FailoverConnection(Connection):
             tree,
             self.endpoints,
             on_moved=self.exchange.forget,
-            serves=functools.partial(serves, tree=tree, credentials=credentials),
+            serves=functools.partial(_serves, tree=tree, credentials=credentials),
         )
         self._watch.start()
 
@@ -80,3 +91,30 @@ class FailoverConnection(Connection):
         if self._watch is not None:
             self._watch.close()
         super().close()
+
+
+def _serves(endpoint: str, tree: str, credentials: Credentials) -> bool:
+    """Whether this client is let in there, and a replica or the server answers `hello`.
+
+    A replica listens before it has its copy, and a router may have lost its servers.
+    """
+    try:
+        session = try_session([endpoint], _STEP_S, credentials)
+    except (zenoh.ZError, TransformException):
+        return False
+    calls = SessionCalls(session.close)
+    try:
+        queries = Queries(session, calls, str(session.zid()), f"the server at {endpoint}")
+        hello = wire.pack(info.hello(credentials.user, clock_ns=time.time_ns()).body())
+        with calls:
+            routers = list(map(str, session.info.routers_zid()))
+        near = [keys.replica_request(tree, router, "hello") for router in routers]
+        for key in (*near, keys.request(tree, "hello")):
+            reply = queries.ask(zenoh.KeyExpr(key), hello, _STEP_S)
+            if type(reply) is bytes and "error" not in wire.unpack(reply, wire.MAX_REPLY_BYTES):
+                return True
+    except TransformException:
+        pass
+    finally:
+        calls.close()
+    return False
