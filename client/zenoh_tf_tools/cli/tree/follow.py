@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import Any, Final
 
 from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
@@ -70,60 +71,52 @@ def add(commands: Commands) -> None:
 
 
 def _echo(args: argparse.Namespace) -> int:
-    if args.on_change:
-        return _echo_changes(args)
-    rate_hz = args.rate or 1.0
-    ask: Callable[[TransformClient, argparse.Namespace], Any] = _look_up
-    show: Callable[[argparse.Namespace, TransformClient, Any], None] = output.show_answer
-    if args.estimate:
-        ask, show = estimate.ask, estimate.show_again
-    with connect(args) as tf, ends_on_q():
-        printed, reported = 0, ""
-        start_s = time.monotonic()
-        for tick in itertools.count(1):
-            try:
-                answer = ask(tf, args)
-            except TransformException as error:
-                if type(error).__name__ != reported:
-                    reported = type(error).__name__
-                    output.report_waiting(error, args.json)
-            else:
-                reported = ""
-                show(args, tf, answer)
-                printed += 1
-                if printed == args.count:
-                    return 0
-            # By the start, so that the pauses do not add up.
-            time.sleep(max(0.0, start_s + tick / rate_hz - time.monotonic()))
+    show: Callable[..., None] = estimate.show_again if args.estimate else output.show_answer
+    follow = _changes if args.on_change else _repeated
+    with connect(args) as tf, ends_on_q(), contextlib.closing(follow(tf, args)) as answers:
+        for answer in itertools.islice(answers, args.count):
+            show(args, tf, answer)
     return 0
+
+
+def _repeated(tf: TransformClient, args: argparse.Namespace) -> Generator[Any, None, None]:
+    """Ask again and again, and report each kind of error when it first occurs."""
+    rate_hz = args.rate or 1.0
+    reported = ""
+    start_s = time.monotonic()
+    for tick in itertools.count(1):
+        try:
+            answer = estimate.ask(tf, args) if args.estimate else _look_up(tf, args)
+        except TransformException as error:
+            if type(error).__name__ != reported:
+                reported = type(error).__name__
+                output.report_waiting(error, args.json)
+        else:
+            reported = ""
+            yield answer
+        # By the start, so that the pauses do not add up.
+        time.sleep(max(0.0, start_s + tick / rate_hz - time.monotonic()))
 
 
 def _look_up(tf: TransformClient, args: argparse.Namespace) -> StampedTransform:
     return tf.lookup_transform(args.target, args.source)
 
 
-def _echo_changes(args: argparse.Namespace) -> int:
-    with (
-        connect(args) as tf,
-        tf.watch(args.target, args.source, max_rate_hz=args.rate) as watch,
-        ends_on_q(),
-    ):
-        printed, is_silent = 0, False
+def _changes(tf: TransformClient, args: argparse.Namespace) -> Generator[Any, None, None]:
+    """Wait for the poses that the server pushes, and report when there is none."""
+    is_silent = False
+    with tf.watch(args.target, args.source, max_rate_hz=args.rate) as watch:
         for event in watch:
             if event.error is not None and event.reason == "lost":
                 output.report_waiting(event.error, args.json)
             elif event.pose is not None and event.reason in ("found", "moved"):
-                output.show_answer(args, tf, event.pose)
-                printed += 1
-                if printed == args.count:
-                    break
+                yield event.pose
             if event.age_s > _SILENT_S + (1 / args.rate if args.rate else 0) and not is_silent:
                 silence = f"the server has said nothing for {event.age_s:.0f} s"
                 output.report_waiting(ServerUnavailable(silence), args.json)
                 is_silent = True
             elif event.age_s < _SILENT_S:
                 is_silent = False
-    return 0
 
 
 def _wait(args: argparse.Namespace) -> int:
