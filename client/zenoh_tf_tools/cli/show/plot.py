@@ -132,21 +132,36 @@ def _report(
     args: argparse.Namespace, histories: list[PairHistory], found: PoseError | None
 ) -> None:
     first, *others = histories
-    document = {"file": str(args.out), **_figures(first)}
-    lines = [
-        f"{args.out}: {len(first.times_s):,} lookups over {first.times_s[-1]:.1f} s, {_age(first)}",
-        *_failed(first),
-        *_estimated(first),
-    ]
+    figures = _figures(first)
+    document = {"file": str(args.out), **figures}
+    span = f"{figures['lookups']:,} lookups over {first.times_s[-1]:.1f} s, "
+    lines = _lines(f"{args.out}: {span}", first, figures)
     for other in others:
-        document["pair"] = {"target": other.target, "source": other.source, **_figures(other)}
+        figures = _figures(other)
+        document["pair"] = {"target": other.target, "source": other.source, **figures}
         name = f"{printable(other.source)} in {printable(other.target)}"
-        lines += [f"{name}: {_age(other)}", *_failed(other), *_estimated(other)]
+        lines += _lines(f"{name}: ", other, figures)
     if found is not None:
         numbers = _error_figures(found)
         document |= numbers
         lines.append(_error_text(numbers))
     output.show(args, document, "\n".join(lines))
+
+
+def _lines(begin: str, history: PairHistory, figures: dict[str, Any]) -> list[str]:
+    """The figures of a pair as text."""
+    ages_s = figures["median_age_s"], figures["greatest_age_s"]
+    if ages_s == (None, None):
+        lines = [f"{begin}all links are static"]
+    else:
+        median, greatest = (age_text(int(each * 1e9)) for each in ages_s)
+        lines = [f"{begin}age {median} (median), {greatest} at most"]
+    if failed := figures["failed"]:
+        text = f"{failed:,} lookups without an answer; the last: {history.error}"
+        lines.append(printable(text))
+    if "estimates" in figures:
+        lines.append(_estimated(figures["estimates"]))
+    return lines
 
 
 def _figures(history: PairHistory) -> dict[str, Any]:
@@ -160,20 +175,6 @@ def _figures(history: PairHistory) -> dict[str, Any]:
         "median_age_s": median_s,
         "greatest_age_s": greatest_s,
     }
-
-
-def _age(history: PairHistory) -> str:
-    ages_s = _median_and_greatest(history.ages_s)
-    if ages_s == (None, None):
-        return "all links are static"
-    median, greatest = (age_text(int((each or 0.0) * 1e9)) for each in ages_s)
-    return f"age {median} (median), {greatest} at most"
-
-
-def _failed(history: PairHistory) -> list[str]:
-    failed = int(np.count_nonzero(~history.answered))
-    text = f"{failed:,} lookups without an answer; the last: {history.error}"
-    return [printable(text)] if failed else []
 
 
 def _scores(estimates: EstimateHistory) -> dict[str, Any]:
@@ -193,20 +194,17 @@ def _scores(estimates: EstimateHistory) -> dict[str, Any]:
     }
 
 
-def _estimated(history: PairHistory) -> list[str]:
-    if history.estimates is None:
-        return []
-    scores = _scores(history.estimates)
+def _estimated(scores: dict[str, Any]) -> str:
     count = scores["compared"]
     if not scores["estimates"]:
-        return [f"no estimates of level {LEVEL:g}: the history is too short, or its links stopped"]
+        return f"no estimates of level {LEVEL:g}: the history is too short, or its links stopped"
     if not count:
-        return [f"{scores['estimates']:,} estimates; no samples of their times have come yet"]
+        return f"{scores['estimates']:,} estimates; no samples of their times have come yet"
     bound, error = scores["median_bound_m"], scores["median_error_m"]
-    return [
+    return (
         f"{count:,} estimates: {scores['within'] / count:.1%} within their bounds (level "
         f"{LEVEL:g}), {metres(bound)} (median); off by {metres(error)} (median)"
-    ]
+    )
 
 
 def _error_figures(found: PoseError) -> dict[str, float | None]:
