@@ -52,7 +52,7 @@ class FoxgloveBridge(ServerListener):
         self._new = threading.Event()  # somebody has subscribed
         self._names: list[str] = []
         self._listed_s = self._sent_all_s = -_REPEAT_S
-        self._sent: dict[str, Link] = {}
+        self._sent: dict[str, tuple[object, ...]] = {}
         self._time_ns = 0
         self._trouble: str | None = None
         self._context = context = Context()  # nobody else holds it
@@ -94,10 +94,11 @@ class FoxgloveBridge(ServerListener):
             self._sent.clear()
         links = [link for name in self._names if (link := self._source.link(name, self._time_ns))]
         self._time_ns = self._source.now_ns(links)
-        changed = [link for link in links if _differs(link, self._sent.get(link.name))]
+        known = [x for x in links if x.parent is not None and x.sample_ns is not None]
+        changed = [link for link in known if _sent(link) != self._sent.get(link.name)]
         for first in range(0, len(changed), _MOST_LINKS):
             self._send(changed[first : first + _MOST_LINKS])
-        self._sent = {link.name: link for link in links}
+        self._sent = {link.name: _sent(link) for link in known}
         self._report(links)
 
     def close(self) -> None:
@@ -146,11 +147,6 @@ def _stamp(link: Link) -> int:
     return link.sample_ns or 0
 
 
-def _differs(link: Link, before: Link | None) -> bool:
-    if link.parent is None or link.sample_ns is None:
-        return False
-    return before is None or (link.parent, link.sample_ns, link.static) != (
-        before.parent,
-        before.sample_ns,
-        before.static,
-    )
+def _sent(link: Link) -> tuple[object, ...]:
+    """What is sent again once it has changed."""
+    return link.parent, link.sample_ns, link.static

@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -101,15 +100,8 @@ def _range(tree: TransformTree, target: str, source: str) -> tuple[int, int] | N
     last_ns = tree.latest_common_time(target, source)
     if last_ns is None:
         return None
-    # Each link belongs to its child. A pair of neighbours has one.
-    links = [
-        tree.frame(a if tree.parent(a) == b else b) for a, b in pairwise(tree.chain(target, source))
-    ]
-    firsts_ns = [
-        link.oldest_stamp_ns
-        for link in links
-        if not link.static and link.oldest_stamp_ns is not None
-    ]
+    links = tree.explain(target, source).links
+    firsts_ns = [link.oldest_stamp_ns for link in links if link.oldest_stamp_ns is not None]
     # Links that took the place of others have no samples of before.
     return min(max(firsts_ns, default=last_ns), last_ns), last_ns
 
