@@ -7,9 +7,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Final, Protocol, TypeVar
 
 from zenoh_tf.introspection import sentences
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
@@ -18,13 +18,21 @@ from zenoh_tf.text import quoted
 from zenoh_tf.text.similar import did_you_mean, spelling
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
-__all__ = ["explain", "is_connected", "is_stopped", "silence_limit_s"]
+__all__ = ["explain", "is_connected", "is_stopped", "path_to_root", "silence_limit_s"]
 
 #: A link has stopped if nothing has come for so many of its periods, and for so long.
 _STOPPED_PERIODS: Final = 10
 _STOPPED_S: Final = 1.0
 
 Path = list[FrameInfo]
+
+
+class _HasParent(Protocol):
+    @property
+    def parent(self) -> str | None: ...
+
+
+F = TypeVar("F", bound=_HasParent)
 
 
 def silence_limit_s(frame: FrameInfo) -> float | None:
@@ -45,7 +53,8 @@ def is_stopped(frame: FrameInfo, now_ns: int) -> bool:
 def is_connected(target: str, source: str, frames: Collection[FrameInfo]) -> bool:
     """Return whether a chain joins two frames, which are unknown if they have no record. `frames`:
     those from both up to their roots."""
-    from_target, from_source = _path(target, frames), _path(source, frames)
+    by_name = {frame.name: frame for frame in frames}
+    from_target, from_source = (path_to_root(name, by_name) for name in (target, source))
     return bool(from_target) and bool(from_source) and from_target[-1].name == from_source[-1].name
 
 
@@ -70,7 +79,8 @@ def explain(
         now_ns: The time to count ages from, nanoseconds; None means this machine's clock.
         recorded: The frames are of a recording, which has no present and no publishers.
     """
-    from_target, from_source = _path(target, frames), _path(source, frames)
+    by_name = {frame.name: frame for frame in frames}
+    from_target, from_source = (path_to_root(name, by_name) for name in (target, source))
     clock_ns = time.time_ns() if now_ns is None else now_ns
     stamps = [f.newest_stamp_ns for f in frames if not f.static and f.newest_stamp_ns is not None]
     reference, by_clock = (
@@ -84,7 +94,7 @@ def explain(
         source_root=from_source[-1].name if from_source else None,
         by_clock=by_clock,
     )
-    unknown = [name for name in dict.fromkeys((target, source)) if name not in _names(frames)]
+    unknown = [name for name in dict.fromkeys((target, source)) if name not in by_name]
     if unknown:
         return _unknown(base, unknown, names)
     if from_target[-1].name != from_source[-1].name:
@@ -127,15 +137,15 @@ def _names(frames: Iterable[FrameInfo]) -> set[str]:
     return {frame.name for frame in frames}
 
 
-def _path(name: str, frames: Iterable[FrameInfo]) -> Path:
-    """The frames from this one up to its root."""
-    by_name = {frame.name: frame for frame in frames}
-    path: Path = []
-    following = by_name.pop(name, None)  # each once, as past links may form a loop
-    while following is not None:
-        path.append(following)
-        following = None if following.parent is None else by_name.pop(following.parent, None)
-    return path
+def path_to_root(name: str, frames: Mapping[str, F]) -> list[F]:
+    """Return the frames from this one up to its root; none if it is unknown. Records of past or of
+    several moments may form a loop: each is there once."""
+    path: dict[str, F] = {}
+    following: str | None = name
+    while following is not None and following in frames and following not in path:
+        path[following] = frames[following]
+        following = path[following].parent
+    return [*path.values()]
 
 
 def _chain(from_target: Path, from_source: Path) -> Path:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from zenoh_tf import FrameInfo
+from zenoh_tf.introspection.explain import path_to_root
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S
 
@@ -76,11 +77,10 @@ class PairWatch:
 
 def _oldest(pair: Pair, frames: Mapping[str, FrameInfo], clock_ns: int) -> tuple[float, str] | str:
     """The delay and the child frame of the oldest link of a pair, or why there is none."""
-    target, source = pair
     for name in pair:
         if name not in frames:
             return f"no frame {quoted(name)}"
-    up_target, up_source = _ancestors(target, frames), _ancestors(source, frames)
+    up_target, up_source = ([frame.name for frame in path_to_root(name, frames)] for name in pair)
     if up_target[-1] != up_source[-1]:
         return f"not connected: the roots are {quoted(up_target[-1])} and {quoted(up_source[-1])}"
     links = set(up_target) ^ set(up_source)
@@ -89,13 +89,3 @@ def _oldest(pair: Pair, frames: Mapping[str, FrameInfo], clock_ns: int) -> tuple
         return "static"
     oldest = max(delays)
     return oldest if abs(oldest[0]) <= CLOCK_RANGE_S else "the stamps are of another clock"
-
-
-def _ancestors(name: str, frames: Mapping[str, FrameInfo]) -> list[str]:
-    """A frame and its ancestors, up to its root."""
-    path = [name]
-    # The records of a reading are of several moments: a loop that never was ends here.
-    while (parent := frames[path[-1]].parent) in frames and parent not in path:
-        assert parent is not None
-        path.append(parent)
-    return path

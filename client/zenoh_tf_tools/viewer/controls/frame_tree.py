@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from zenoh_tf.introspection.explain import path_to_root
 from zenoh_tf_tools.viewer.source import Link
 
 
@@ -33,7 +34,7 @@ def rows(links: Mapping[str, Link], search: str = "") -> list[Row]:
     """
     text = search.casefold()
     matching = {name for name in links if text in name.casefold()}
-    wanted = {ancestor for name in matching for ancestor in _ancestors(links, name)}
+    wanted = {link.name for name in matching for link in path_to_root(name, links)}
     children: dict[str | None, list[str]] = {}
     for name in sorted(wanted, reverse=True):
         parent = links[name].parent
@@ -49,17 +50,7 @@ def rows(links: Mapping[str, Link], search: str = "") -> list[Row]:
 
 def with_descendants(links: Mapping[str, Link], name: str) -> set[str]:
     """Return a frame and all that hang on it."""
-    return {x for x in links if name in _ancestors(links, x)}
-
-
-def _ancestors(links: Mapping[str, Link], name: str) -> Iterator[str]:
-    """The frame and its ancestors; links that were read while the tree changed may be a loop."""
-    passed: set[str] = set()
-    link = links.get(name)
-    while link is not None and link.name not in passed:
-        passed.add(link.name)
-        yield link.name
-        link = links.get(link.parent or "")
+    return {x for x in links if any(link.name == name for link in path_to_root(x, links))}
 
 
 def page_of(listed: Sequence[Row], page: int, size: int) -> tuple[int, Sequence[Row]]:
