@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -16,6 +16,7 @@ import uvloop
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
 from tests.support.asynchronous import assert_idle, connected, fill, sent_by
+from tests.support.threads import together
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
@@ -287,11 +288,7 @@ def test_each_loop_has_a_client_of_its_own(server: ServerProcess) -> None:
         with asyncio.Runner(loop_factory=factories[number % 2]) as runner:
             runner.run(main(number))
 
-    threads = [threading.Thread(target=run_loop, args=(number,)) for number in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(40)
+    together(*(partial(run_loop, number) for number in range(4)))
     assert sorted(done) == [0, 1, 2, 3]
 
 

@@ -144,6 +144,15 @@ class ServerProcess:
                 self.process.stdout.close()
 
 
+def refused(*flags: str, **environment: str) -> str:
+    """Run a server that must not start. Returns what it wrote to standard error."""
+    command = [sys.executable, "-m", "zenoh_tf_server", *flags]
+    done = forks.run(command, timeout=START_TIMEOUT_S, env={**os.environ, **environment})
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == "" and "Traceback" not in done.stderr
+    return done.stderr.strip()
+
+
 class Pool:
     """Servers for all tests of this process, one for each set of flags.
 

@@ -9,6 +9,8 @@ import pytest
 
 from tests.processes.servers import ServerProcess
 
+#: A client reads the server's memory where it can.
+READS = "shared" if sys.platform == "linux" else "query"
 SCRIPT = """
 import os, sys
 from zenoh_tf import ServerUnavailable, StampedTransform, Transform
@@ -17,6 +19,7 @@ from zenoh_tf_client import TransformClient, tf2
 link = StampedTransform("a", "b", 0, Transform())
 if {connected}:
     tf = TransformClient.connect(sys.argv[1])
+    assert tf.reads == {reads!r}
     sensor = tf.broadcaster("sensor")
     sensor.send_static(link)
     mirror = tf.mirror()
@@ -46,7 +49,7 @@ def run_in_child(server: ServerProcess, action: str, *, connected: bool) -> str:
             "-W",
             "ignore::DeprecationWarning",  # Python 3.12 warns of every fork beside threads
             "-c",
-            SCRIPT.format(action=action, connected=connected),
+            SCRIPT.format(action=action, connected=connected, reads=READS),
             server.endpoint,
         ],
         capture_output=True,
@@ -62,6 +65,8 @@ def run_in_child(server: ServerProcess, action: str, *, connected: bool) -> str:
     "action",
     [
         "tf.frames()",
+        "tf.can_transform('a', 'b')",
+        "tf.set_transform(link)",
         "sensor.send(link)",
         "TransformClient.connect(sys.argv[1])",
         "mirror.lookup_transform('a', 'b')",

@@ -10,6 +10,7 @@ import time
 import urllib.request
 import weakref
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from tests.processes.replicas import DEADLINE_S, FRAMES, reads_near, seen, step
 from tests.processes.servers import ServerProcess
 from tests.support import moving_arm
 from tests.support.raw import raw
+from tests.support.threads import together
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
@@ -212,16 +214,13 @@ def test_transactions_of_clients_everywhere(primary: ServerProcess, replica: Ser
         stamped = StampedTransform("map", "count", latest.stamp_ns + 1, Transform((x, 0, 0)))
         tx.set_transform(stamped)
 
-    threads = [threading.Thread(target=add, args=(each,)) for each in (primary, replica, replica)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    together(*(partial(add, each) for each in (primary, replica, replica)))
     with primary.connect(10) as tf:
         pose = tf.lookup_latest_transform("map", "count").transform
         assert pose.translation[0] == 3 * rounds
 
 
+@pytest.mark.usefixtures("either_client")
 @pytest.mark.parametrize("reads", ["query", "shared"])
 def test_a_transaction_of_one_read_is_validated(
     primary: ServerProcess, replica: ServerProcess, reads: Mode
@@ -235,21 +234,6 @@ def test_a_transaction_of_one_read_is_validated(
             far.set_transforms_xact(step(2))
         with tf.transaction() as tx:
             assert tx.lookup_latest_transform_xact("map", FRAMES[0]).stamp_ns == 2
-
-
-def test_an_asynchronous_transaction_of_one_read_is_validated(
-    primary: ServerProcess, replica: ServerProcess
-) -> None:
-    async def read(far: TransformClient) -> None:
-        async with await AsyncTransformClient.connect(replica.endpoint, reads="query") as tf:
-            await tf.set_transforms_xact(step(1))
-            with pytest.raises(TransactionConflict):
-                async with tf.transaction() as tx:
-                    await tx.lookup_latest_transform_xact("map", FRAMES[0])
-                    far.set_transforms_xact(step(2))
-
-    with primary.connect(10) as far:
-        asyncio.run(read(far))
 
 
 def test_a_replica_that_lacks_a_write(primary: ServerProcess, near: TransformClient) -> None:

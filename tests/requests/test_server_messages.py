@@ -12,6 +12,7 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
+from tests.support import messages
 from tests.support.raw import Raw, raw
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
@@ -29,15 +30,8 @@ from zenoh_tf_client import TransformClient
 
 
 def commit(stamp_ns: int = 1, x: float = 0.0, child: str = "base", **more: Any) -> wire.Message:
-    return {
-        "v": 1,
-        "names": ["map", child],
-        "parent": struct.pack("<I", 0),
-        "child": struct.pack("<I", 1),
-        "stamp": struct.pack("<q", stamp_ns),
-        "pose": struct.pack("<7d", x, 0, 0, 0, 0, 0, 1),
-        **more,
-    }
+    pose = struct.pack("<7d", x, 0, 0, 0, 0, 0, 1)
+    return messages.commit(["map", child], [0], [1], stamp_ns, **{"pose": pose, **more})
 
 
 def test_a_repeated_id_gets_the_first_outcome(wires: Raw, client: TransformClient) -> None:

@@ -11,6 +11,7 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.line_process import LineProcess
 from tests.processes.servers import ServerProcess
+from tests.support import messages
 from tests.support.raw import raw
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LimitExceeded
@@ -145,15 +146,7 @@ def test_requests_of_a_client_with_many_unread_replies_are_refused(
 def test_a_raw_client_gets_an_error_for_a_reply_that_is_too_long(server: ServerProcess) -> None:
     with server.connect() as tf, raw(server.endpoint) as zenoh_client:
         fill(tf)
-        rows = 50_000
-        body = {
-            "v": 1,
-            "names": ["map", "base"],
-            "op": bytes([wire.OP_LATEST]) * rows,
-            "target": bytes(4 * rows),
-            "source": (b"\x01" + bytes(3)) * rows,
-            "stamp": bytes(8 * rows),
-        }
+        body = messages.same_lookup(50_000, "map", "base", op=wire.OP_LATEST)
         error = zenoh_client.error("lookup", body)
         assert isinstance(error, LimitExceeded)
         assert error.field == "whole_reply_bytes"

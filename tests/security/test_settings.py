@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes import forks
+from tests.processes import servers
 from tests.processes.ports import free_endpoint
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException
@@ -156,15 +155,8 @@ def test_a_server_that_joins_a_secured_network(
     password.write_text("guessed\n")
     password.chmod(0o600)
     user = ("--user", "reader", "--password-file", str(password))
-    done = forks.run(
-        [
-            *(sys.executable, "-m", "zenoh_tf_server", "--connect", router.endpoint),
-            *(*user, "--tree", "other"),
-        ],
-        timeout=150,
-    )
-    assert done.returncode == 2 and "guessed" not in done.stderr
-    assert "refuses user 'reader'" in done.stderr.splitlines()[-1]
+    shown = servers.refused("--connect", router.endpoint, *user, "--tree", "other")
+    assert "guessed" not in shown and "refuses user 'reader'" in shown.splitlines()[-1]
 
 
 def test_files_for_tls_need_an_encrypted_endpoint(files: Files) -> None:

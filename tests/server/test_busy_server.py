@@ -13,6 +13,7 @@ import zenoh
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
+from tests.support import messages
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
@@ -73,17 +74,8 @@ def test_a_request_larger_than_the_bound_waits_alone() -> None:
 
 
 def sample_payload(rows: int) -> bytes:
-    return wire.pack(
-        {
-            "v": 1,
-            "names": ["map", "base"],
-            "op": bytes([wire.OP_LATEST]) * rows,
-            "target": bytes(4 * rows),
-            "source": (b"\x01" + bytes(3)) * rows,
-            "stamp": bytes(8 * rows),
-            "errors": False,
-        }
-    )
+    body = messages.same_lookup(rows, "map", "base", op=wire.OP_LATEST, errors=False)
+    return messages.pack(body)
 
 
 def fill(tf: TransformClient) -> None:

@@ -9,7 +9,6 @@ import os
 import re
 import select
 import signal
-import struct
 import subprocess
 import sys
 import time
@@ -23,6 +22,7 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.support import messages
 from tests.support.raw import raw
 from zenoh_tf import wire
 from zenoh_tf._net import keys, zenoh_config
@@ -114,14 +114,13 @@ def assert_safe(log: str, form: str) -> list[dict[str, Any]]:
 
 def hostile_puts() -> dict[str, bytes]:
     """Messages by authority; the last one has a malformed field of almost 16 MB."""
-    one = {"parent": struct.pack("<I", 0), "child": struct.pack("<I", 1)}
-    one |= {"stamp": struct.pack("<q", 1), "pose": struct.pack("<7d", *[0] * 6, 1)}
+    one = messages.commit([], [0], [1])
     huge = wire.MAX_MESSAGE_BYTES // len(HOSTILE.encode()) - 10
     return {
-        "a": wire.pack({"v": 1, "names": [HOSTILE, HOSTILE], **one}),
-        "b": wire.pack({"v": 1, "names": ["map", HOSTILE * 40], **one}),
-        "c": wire.pack({"v": HOSTILE, **one}),
-        "d": wire.pack({"v": 1, "names": HOSTILE, **one}),
+        "a": wire.pack({**one, "names": [HOSTILE, HOSTILE]}),
+        "b": wire.pack({**one, "names": ["map", HOSTILE * 40]}),
+        "c": wire.pack({**one, "v": HOSTILE}),
+        "d": wire.pack({**one, "names": HOSTILE}),
         HOSTILE[:80]: b"\xc1 not msgpack \n",
         "last": wire.pack({"v": HOSTILE * huge}),
     }

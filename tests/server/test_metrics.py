@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import socket
 import struct
@@ -22,7 +21,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint, free_port
-from tests.processes.servers import ServerProcess
+from tests.processes.servers import ServerProcess, refused
 from tests.support.raw import raw
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
@@ -31,8 +30,6 @@ from zenoh_tf_server.monitoring import metric_table
 from zenoh_tf_server.monitoring.authority_series import OTHER, AuthoritySeries
 from zenoh_tf_server.monitoring.status_port import parse_address
 from zenoh_tf_server.requests.counters import RequestCounters, buckets
-
-from .test_server_process import refused
 
 HOSTILE = 'lidar"\n\x1b[31m\\{}'
 
@@ -228,13 +225,7 @@ def test_a_port_in_use_is_said_in_a_line(server: ServerProcess) -> None:
 
 def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "prometheus_client.py").write_text("raise ImportError('not here')\n")
-    done = forks.run(
-        [sys.executable, "-m", "zenoh_tf_server", "--metrics", "127.0.0.1:0"],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        timeout=150,
-    )
-    assert done.returncode == 2
-    assert done.stderr.strip() == (
+    assert refused("--metrics", "127.0.0.1:0", PYTHONPATH=str(tmp_path)) == (
         "zenoh-tf-server: --metrics needs prometheus-client: pip install zenoh-tf[metrics]"
     )
 

@@ -17,7 +17,7 @@ import zenoh
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
-from tests.processes.servers import ServerProcess
+from tests.processes.servers import ServerProcess, refused
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import zenoh_config
@@ -35,14 +35,6 @@ from zenoh_tf_server import flags
 LINK = StampedTransform("map", "base", 1, Transform())
 #: So many calls are beyond a test's time-out if each takes Zenoh's 10 s instead of its own time.
 UNTIL_TIMEOUT = 7
-
-
-def refused(*flags: str) -> str:
-    """Run a server that must not start. Returns what it wrote to standard error."""
-    done = forks.run([sys.executable, "-m", "zenoh_tf_server", *flags], timeout=150)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    return done.stderr.strip()
 
 
 @pytest.fixture

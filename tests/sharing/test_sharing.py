@@ -18,6 +18,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
+from tests.support.threads import together
 from tests.support.waiting import wait_until
 from zenoh_tf import (
     InvalidArgumentException,
@@ -50,6 +51,7 @@ def becomes_shared(tf: TransformClient) -> bool:
 
 
 def asked(tf: TransformClient) -> int:
+    """How many lookups this client asked the server for."""
     return sum(count for name, count in tf.stats().items() if name.startswith("reads_asked"))
 
 
@@ -123,7 +125,7 @@ def test_a_lookup_waits_at_the_server(start_sharing: StartServer) -> None:
 def test_a_transaction_is_one_query(start_sharing: StartServer) -> None:
     with start_sharing().connect(reads="shared") as tf:
         tf.set_transform(link(0))
-        asked_before = lookups(tf)
+        asked_before = asked(tf)
 
         def count(tx: Any) -> None:
             seen = tx.lookup_latest_transform_xact("map", "base").transform.translation[0]
@@ -132,23 +134,9 @@ def test_a_transaction_is_one_query(start_sharing: StartServer) -> None:
                 tx.lookup_transform("map", "nobody")
             tx.set_transform(link(seen + 1))
 
-        threads = [
-            threading.Thread(
-                target=lambda: [tf.run_transaction(count, attempts=1000) for _ in range(25)]
-            )
-            for _ in range(4)
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        together(*4 * [lambda: [tf.run_transaction(count, attempts=1000) for _ in range(25)]])
         assert tf.lookup_transform("map", "base").transform.translation[0] == 100
-        assert lookups(tf) == asked_before
-
-
-def lookups(tf: TransformClient) -> int:
-    """How many lookups this client asked the server for."""
-    return asked(tf)
+        assert asked(tf) == asked_before
 
 
 class Reader(threading.Thread):
@@ -301,40 +289,6 @@ def test_a_socket_in_another_folder_is_found(
         monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
         with server.connect(reads="shared") as tf:
             assert tf.reads == "shared"
-
-
-def test_a_forked_child_does_not_read(start_sharing: StartServer) -> None:
-    script = """
-import os, sys
-from zenoh_tf import ServerUnavailable
-from zenoh_tf_client import TransformClient
-tf = TransformClient.connect(sys.argv[1])
-assert tf.reads == "shared"
-child = os.fork()
-if child == 0:
-    try:
-        tf.can_transform("map", "base")
-    except ServerUnavailable as error:
-        assert "forked" in str(error)
-        tf.close()
-        os._exit(7)
-    os._exit(1)
-assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
-assert tf.reads == "shared" and not tf.can_transform("map", "base")
-"""
-    forks.run(
-        [
-            sys.executable,
-            "-W",
-            "ignore::DeprecationWarning",
-            "-c",
-            script,
-            start_sharing().endpoint,
-        ],
-        cwd=ROOT,
-        check=True,
-        timeout=150,
-    )
 
 
 def mapped_regions() -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import sqlite3
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,15 +11,13 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes import forks
 from tests.processes.ports import free_endpoint
-from tests.processes.servers import ServerProcess
+from tests.processes.servers import ServerProcess, refused
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import LookupException, NoDataForExtrapolationException, NotDurable
 from zenoh_tf_client import TransformClient
 
 POSE = Transform((0.1, -0.0, 1e-300), (0.5, -0.5, 0.5, 0.5))
-START_TIMEOUT_S = 150
 
 
 def link(parent: str, child: str, x: float = 0.0, stamp_ns: int = 0) -> StampedTransform:
@@ -41,16 +38,9 @@ def start(start_server: StartServer, folder: Path) -> Callable[..., ServerProces
 
 def refusal(folder: Path, *flags: str) -> str:
     """The line of a server that cannot start."""
-    done = forks.run(
-        [
-            *(sys.executable, "-m", "zenoh_tf_server", "--listen", free_endpoint()),
-            *("--state-dir", str(folder), *flags),
-        ],
-        timeout=START_TIMEOUT_S,
-    )
-    assert done.returncode == 2, done.stderr
-    line = done.stderr.splitlines()[-1]
-    assert line.startswith("zenoh-tf-server: "), done.stderr
+    shown = refused("--listen", free_endpoint(), "--state-dir", str(folder), *flags)
+    line = shown.splitlines()[-1]
+    assert line.startswith("zenoh-tf-server: "), shown
     return line
 
 
@@ -321,9 +311,4 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 def test_remember_needs_a_folder() -> None:
-    done = forks.run(
-        [sys.executable, "-m", "zenoh_tf_server", "--remember", "base"],
-        timeout=START_TIMEOUT_S,
-    )
-    assert done.returncode == 2
-    assert "--remember 'base' needs --state-dir" in done.stderr
+    assert "--remember 'base' needs --state-dir" in refused("--remember", "base")
