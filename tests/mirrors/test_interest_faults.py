@@ -66,26 +66,6 @@ def assert_same(
         assert np.array_equal(here.translations[here.ok], there.translations[here.ok])
 
 
-def test_a_restarted_server(start_server: StartServer) -> None:
-    first = start_server()
-    with first.connect(20) as tf, tf.mirror([("map", "gripper")]) as m:
-        robot(tf, 7)
-        m.wait_for()
-        first.kill()
-        wait_until(lambda: m.age_s > 0.5, "it does not age")
-        assert m.lookup_transform("map", "gripper").stamp_ns == 7
-        old = m.instance
-        second = start_server(endpoint=first.endpoint)
-        with second.connect(20) as other:
-            robot(other, 1)
-            wait_until(lambda: m.instance != old, "it does not follow the new server")
-            m.wait_for(other.last_receipt, DEADLINE_S)
-            assert m.lookup_transform("map", "gripper").stamp_ns == 1
-            robot(other, 2)
-            m.wait_for(other.last_receipt, DEADLINE_S)
-            assert m.lookup_transform("map", "gripper").stamp_ns == 2
-
-
 def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> None:
     """It holds up nobody, and is right again soon; its stream is shared with one that continues."""
     pair = ("map", "gripper")

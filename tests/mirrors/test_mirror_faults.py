@@ -121,10 +121,11 @@ def test_a_mirror_that_is_too_slow(start_server: StartServer) -> None:
             wait_until(lambda: is_equal(server, slow.state()["versions"]), "it does not catch up")
 
 
-def test_a_restarted_server(start_server: StartServer) -> None:
+@pytest.mark.parametrize("pairs", [None, [("map", name) for name in FRAMES]], ids=["all", "pairs"])
+def test_a_restarted_server(start_server: StartServer, pairs: list[tuple[str, str]] | None) -> None:
     """The old state is served, with a growing age, until there is a copy of the new server's."""
     first = start_server()
-    with first.connect(20) as tf, tf.mirror() as m:
+    with first.connect(20) as tf, tf.mirror(pairs) as m:
         tf.set_transforms_xact(step(7))
         m.wait_for()
         first.kill()
@@ -138,6 +139,9 @@ def test_a_restarted_server(start_server: StartServer) -> None:
             wait_until(lambda: m.instance != old, "it does not follow the new server")
             m.wait_for(other.last_receipt, DEADLINE_S)
             assert check_whole(m) == 1
+            other.set_transforms_xact(step(2))
+            m.wait_for(other.last_receipt, DEADLINE_S)
+            assert check_whole(m) == 2
             wait_until(lambda: m.age_s < 5, "it stays old")
             assert sorted(m.frames()) == sorted(other.frames())
 

@@ -29,7 +29,6 @@ from zenoh_tf._net.local_requests import MAX_REQUEST_BYTES, REQUEST
 from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import (
     InvalidArgumentException,
-    OutcomeUnknown,
     ServerUnavailable,
     TransformException,
 )
@@ -143,41 +142,11 @@ def test_the_server_forgets_clients_that_end(server: ServerProcess) -> None:
         wait_until(lambda: watching.stats()["local_connections"] == 0)
 
 
-@pytest.mark.usefixtures("either_client")
-def test_a_stopped_server_ends_calls_as_over_zenoh(start_sharing: StartServer) -> None:
-    server = start_sharing()
-    with server.connect(timeout_s=1.0) as tf:
-        tf.set_transform(link())
-        server.freeze()
-        with pytest.raises(OutcomeUnknown, match=r"no answer from .* within 1 s"):
-            tf.set_transform(link())
-        server.send_signal(signal.SIGCONT)
-        wait_until(lambda: _sets(tf))
-        server.freeze()
-        with pytest.raises(ServerUnavailable, match=r"no answer from .* within 1 s"):
-            tf.lookup_transform("map", "base")
-        server.send_signal(signal.SIGCONT)
-
-
 def _sets(tf: TransformClient) -> bool:
     try:
         return tf.set_transform(link())
     except TransformException:
         return False
-
-
-@pytest.mark.usefixtures("either_client")
-def test_a_killed_server_ends_calls_as_over_zenoh(start_sharing: StartServer) -> None:
-    server = start_sharing()
-    with server.connect(timeout_s=5.0) as tf, ThreadPoolExecutor() as pool:
-        tf.set_transform(link())
-        server.freeze()
-        write = pool.submit(tf.set_transform, link())
-        read = pool.submit(tf.lookup_transform, "map", "base")
-        time.sleep(0.2)
-        server.kill()
-        assert isinstance(write.exception(), OutcomeUnknown)
-        assert isinstance(read.exception(), ServerUnavailable)
 
 
 def test_a_client_goes_on_with_the_next_server(start_sharing: StartServer) -> None:
