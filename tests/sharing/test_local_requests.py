@@ -27,11 +27,7 @@ from zenoh_tf._net import handover, keys
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.local_requests import MAX_REQUEST_BYTES, REQUEST
 from zenoh_tf._net.queries import NoReply, Queries
-from zenoh_tf.errors import (
-    InvalidArgumentException,
-    ServerUnavailable,
-    TransformException,
-)
+from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.connection import Connection
 from zenoh_tf_client.session.local_requests import LocalRequests

@@ -18,6 +18,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
+from tests.processes.servers import ServerProcess
 from tests.support.threads import together
 from tests.support.waiting import wait_until
 from zenoh_tf import (
@@ -55,8 +56,8 @@ def asked(tf: TransformClient) -> int:
     return sum(count for name, count in tf.stats().items() if name.startswith("reads_asked"))
 
 
-def test_reads_are_shared_and_see_the_clients_own_writes(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="shared") as tf:
+def test_reads_are_shared_and_see_the_clients_own_writes(server: ServerProcess) -> None:
+    with server.connect(reads="shared") as tf:
         assert tf.reads == "shared"
         for x in range(20):
             tf.set_transform(link(x))
@@ -78,16 +79,15 @@ class Counted(TransformClient):
         return super().lookup_transform(*arguments, **options)
 
 
-def test_a_subclass_keeps_its_methods(start_sharing: StartServer) -> None:
-    with Counted.connect(start_sharing().endpoint) as tf:
+def test_a_subclass_keeps_its_methods(server: ServerProcess) -> None:
+    with Counted.connect(server.endpoint) as tf:
         tf.set_transform(link(1))
         assert tf.lookup_transform("map", source="base").transform.translation[0] == 1
         assert tf.lookup_latest_transform("map", "base").transform.translation[0] == 1
         assert tf.count == 1 and asked(tf) == 0
 
 
-def test_a_method_that_is_kept_keeps_the_connection(start_sharing: StartServer) -> None:
-    server = start_sharing()
+def test_a_method_that_is_kept_keeps_the_connection(server: ServerProcess) -> None:
     with server.connect() as other:
         other.set_transform(link(1))
         look = server.connect(reads="shared").lookup_transform
@@ -99,8 +99,7 @@ def test_a_method_that_is_kept_keeps_the_connection(start_sharing: StartServer) 
         timer.join()
 
 
-def test_reads_can_be_queries(start_sharing: StartServer) -> None:
-    server = start_sharing()
+def test_reads_can_be_queries(server: ServerProcess) -> None:
     with server.connect(reads="query") as tf:
         assert tf.reads == "query"
         assert not tf.can_transform("map", "base")
@@ -110,8 +109,7 @@ def test_reads_can_be_queries(start_sharing: StartServer) -> None:
     assert caught.value.field == "reads"
 
 
-def test_a_lookup_waits_at_the_server(start_sharing: StartServer) -> None:
-    server = start_sharing()
+def test_a_lookup_waits_at_the_server(server: ServerProcess) -> None:
     with server.connect(reads="shared") as tf, server.connect() as other:
         timer = threading.Timer(0.2, lambda: other.set_transform(link(7)))
         timer.start()
@@ -122,8 +120,8 @@ def test_a_lookup_waits_at_the_server(start_sharing: StartServer) -> None:
         assert tf.stats()["reads_asked_waiting"] == 1
 
 
-def test_a_transaction_is_one_query(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="shared") as tf:
+def test_a_transaction_is_one_query(server: ServerProcess) -> None:
+    with server.connect(reads="shared") as tf:
         tf.set_transform(link(0))
         asked_before = asked(tf)
 
@@ -212,12 +210,12 @@ def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(
         assert tf.stats()["reads_mapped"] == 2
 
 
-def test_all_clients_of_a_connection_follow_its_memory(start_sharing: StartServer) -> None:
+def test_all_clients_of_a_connection_follow_its_memory(server: ServerProcess) -> None:
     class Other:  # such as the asynchronous client of `tf2`'s message filters
         _tree: SharedTree
 
     other = Other()
-    with start_sharing().connect(reads="shared") as tf:
+    with server.connect(reads="shared") as tf:
         tf._reads.mapped.attach(other)
         assert tf._tree is other._tree is tf._reads.mapped.tree is not NO_TREE
     assert tf._tree is other._tree is NO_TREE
@@ -234,9 +232,8 @@ def test_a_server_without_sharing_is_asked(start_server: StartServer) -> None:
 
 
 def test_another_layout_is_refused_with_a_clear_line(
-    start_sharing: StartServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    server: ServerProcess, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    server = start_sharing()
     monkeypatch.setattr(handover, "LAYOUT", (0, 17))
     with caplog.at_level(logging.INFO, "zenoh_tf.client"), server.connect(reads="shared") as tf:
         assert tf.reads == "query"
@@ -246,8 +243,7 @@ def test_another_layout_is_refused_with_a_clear_line(
     assert "this client reads 0 (0000000000000011): install the same version" in line
 
 
-def test_another_host_is_asked(start_sharing: StartServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    server = start_sharing()
+def test_another_host_is_asked(server: ServerProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(handover, "boot_id", lambda: "another")
     with server.connect(reads="shared") as tf:
         assert tf.reads == "query"

@@ -7,14 +7,7 @@ from builtin_interfaces.msg import Time as TimeMessage  # type: ignore[import-no
 from .duration import Duration
 
 
-class Time:
-    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
-        self._nanoseconds = int(seconds * 1e9) + nanoseconds
-
-    @property
-    def nanoseconds(self) -> int:
-        return self._nanoseconds
-
+class Time(Duration):
     def __sub__(self, duration: Duration) -> Time:
         return Time(nanoseconds=self._nanoseconds - duration.nanoseconds)
 
