@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import struct
 
 import pytest
@@ -178,7 +179,7 @@ def test_a_session_that_is_not_known_is_an_error() -> None:
     ["", "robot", "namespace:", "namespace:robot1", "namespace:=r", "domain:7=", "domain:7=a b"],
 )
 def test_wrong_rules(rule: str) -> None:
-    with pytest.raises(InvalidArgumentException):
+    with pytest.raises(argparse.ArgumentTypeError):
         parse_rule(rule)
 
 

@@ -7,11 +7,11 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 from zenoh_tf import wire
 from zenoh_tf._net import keys, zenoh_config
-from zenoh_tf.errors import InvalidArgumentException, TransformException
+from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.interest import HIGHEST_HZ, LOWEST_HZ, interest_of
 from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import frames, number, whole
@@ -142,37 +142,34 @@ def _link(text: str) -> RobotAddress | RobotPattern:
 
 
 def _share(options: str) -> Share:
-    """The share that options say, each behind a comma.
-
-    Raises:
-        InvalidArgumentException: One is wrong; `field` is its name.
-    """
-    values: dict[str, str] = {}
+    """The share that options say, each behind a comma. Raises ArgumentTypeError."""
+    parsers = {
+        "frames": _path_ends,
+        "rate": number(LOWEST_HZ, HIGHEST_HZ),
+        "max-frames": whole(1, _MAX_FRAMES),
+    }
+    values: dict[str, Any] = {}
     for option in options.split(",")[1:]:
         field, _, value = option.partition("=")
-        if field not in ("frames", "rate", "max-frames"):
-            raise InvalidArgumentException(
-                f"unknown option {quoted(field)}: use frames, rate or max-frames", field=field
+        if field not in parsers:
+            raise argparse.ArgumentTypeError(
+                f"unknown option {quoted(field)}: use {', '.join(parsers)}"
             )
         if field in values:
-            raise InvalidArgumentException(f"{field} is given twice", field=field)
-        values[field] = value
-    try:
-        field = "max-frames"
-        most = whole(1, _MAX_FRAMES)(values[field]) if field in values else None
-        field = "rate"
-        rate = number(LOWEST_HZ, HIGHEST_HZ)(values[field]) if field in values else None
-    except argparse.ArgumentTypeError as error:
-        raise InvalidArgumentException(f"{field}: {error}", field=field) from error
-    pairs = None
-    if "frames" in values:
-        names = values["frames"].split(":")
-        if len(names) < 2 or not all(names):
-            raise InvalidArgumentException(
-                f"frames: {quoted(values['frames'])} is not a list of two or more frames, as in "
-                "map:base_link",
-                field="frames",
-            )
-        # In a tree, the paths between neighbours in the list join all of them.
-        pairs = list(pairwise(names))
-    return Share(most, interest_of(pairs, None, rate))
+            raise argparse.ArgumentTypeError(f"{field} is given twice")
+        try:
+            values[field] = parsers[field](value)
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentTypeError(f"{field}: {error}") from error
+    interest = interest_of(values.get("frames"), None, values.get("rate"))
+    return Share(values.get("max-frames"), interest)
+
+
+def _path_ends(text: str) -> list[tuple[str, str]]:
+    """The pairs of neighbours in a list of frames, whose paths join all of them."""
+    names = text.split(":")
+    if len(names) < 2 or not all(names):
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a list of two or more frames, as in map:base_link"
+        )
+    return list(pairwise(names))

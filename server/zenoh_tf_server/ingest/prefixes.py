@@ -10,6 +10,7 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -35,19 +36,14 @@ class PrefixRule:
 
 
 def parse_rule(text: str) -> PrefixRule:
-    """The rule that a flag's value says.
-
-    Raises:
-        InvalidArgumentException: It is not a rule.
-    """
+    """The rule that a flag's value says: a type for argparse."""
     kind, colon, rest = text.partition(":")
     value, equals, prefix = rest.partition("=")
     value, prefix = value.strip("/"), prefix.strip("/")
     if kind not in KINDS or (colon and not (value and equals and _PREFIX.fullmatch(prefix))):
-        raise InvalidArgumentException(
+        raise argparse.ArgumentTypeError(
             f"{quoted(text)} is not a rule: use namespace, domain or session, or one of them for "
-            "a single robot, such as namespace:robot1=r1",
-            field="ros2_prefix",
+            "a single robot, such as namespace:robot1=r1"
         )
     return PrefixRule(kind, value, prefix) if colon else PrefixRule(kind)
 

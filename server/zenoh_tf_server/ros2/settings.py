@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 
-from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text.flag_values import duration, frames, number, whole
 
 from ..ingest.prefixes import PrefixRule, parse_rule
@@ -47,7 +46,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--ros2-prefix",
         action="append",
-        type=_rule,
+        type=parse_rule,
         default=[],
         metavar="RULE",
         help="prefix each robot's frames by its namespace, domain or session, or one's, as in "
@@ -113,10 +112,3 @@ def from_flags(options: argparse.Namespace) -> Ros2Settings:
         rate_hz=options.ros2_publish_rate,
         domain=options.ros2_domain,
     )
-
-
-def _rule(text: str) -> PrefixRule:
-    try:
-        return parse_rule(text)
-    except InvalidArgumentException as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
