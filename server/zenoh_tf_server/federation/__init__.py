@@ -1,6 +1,6 @@
 """A site's server gathers the trees of robots (``--mirror-of``).
 
-`settings` has the flags, `discovery` finds robots on the site's network, whose messages
+`settings` has the flags; `Robots` finds robots on the site's network, whose messages
 `shared_streams` receives; `robot` listens to one robot, `pool` has the threads of all, and `rows`
 turns changes into puts.
 """
@@ -8,6 +8,8 @@ turns changes into puts.
 from __future__ import annotations
 
 import functools
+import logging
+import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -15,11 +17,14 @@ from typing import Any, Final
 
 import zenoh
 
+from zenoh_tf._net import keys
+from zenoh_tf.errors import InvalidArgumentException
+
 from ..ingest.ingest import Ingest
+from ..rate_limited_log import RateLimitedLog
 from ..requests.service import Service
 from ..security.settings import Security
 from . import quota
-from .discovery import Discovery
 from .pool import Pool
 from .robot import Robot
 from .settings import FederationSettings, RobotAddress, RobotPattern
@@ -30,6 +35,8 @@ _REFRESH_S: Final = 1.0
 #: Fields of an authority's record that are summed for its robot.
 _SUMMED: Final = ("stored", "dropped", "refused", "dropped_by_queue")
 _NONE: Final = dict.fromkeys(_SUMMED, 0)
+
+log = logging.getLogger("zenoh_tf.server.federation")
 
 
 class Robots:
@@ -58,32 +65,30 @@ class Robots:
         )
         #: By name. Robots are added, and stay.
         self._robots = {address.name: self._make(address) for address in settings.links}
-        self._discovery: Discovery | None = None
+        self._lock = threading.Lock()  # of additions
+        self._streams: dict[RobotPattern, SharedStreams] = {}
+        self._subscriber: zenoh.Subscriber[Any] | None = None
+        self._log = RateLimitedLog(log)
         self._sums: Mapping[str, Mapping[str, int]] = {}
         self._sums_until_s = 0.0
 
     def start(self, session: zenoh.Session) -> None:
         """Connect to each robot, find others on the session's network, and begin to listen."""
+        self._session = session
         for robot in self._robots.values():
             robot.start()
-
-        patterns = self._settings.patterns
-        streams = {pattern: SharedStreams(session, pattern) for pattern in patterns}
-
-        def found(address: RobotAddress, pattern: RobotPattern) -> None:
-            if address.name not in self._robots:
-                self._robots[address.name] = robot = self._make(address)
-                robot.start(session, streams[pattern])
-
-        for each in streams.values():
-            self._pool.add_streams(each)
-        if patterns:
-            self._discovery = Discovery(session, patterns, self._service.name, self._most, found)
+        for pattern in self._settings.patterns:
+            self._streams[pattern] = streams = SharedStreams(session, pattern)
+            self._pool.add_streams(streams)
+        if self._streams:
+            self._subscriber = session.liveliness().declare_subscriber(
+                keys.all_servers(), self._token_changed, history=True
+            )
 
     def close(self) -> None:
         """Listen no more."""
-        if self._discovery is not None:
-            self._discovery.close()
+        if self._subscriber is not None:
+            self._subscriber.undeclare()
         for robot in list(self._robots.values()):
             robot.close()
         self._pool.close()
@@ -108,6 +113,42 @@ class Robots:
                 for field in _SUMMED:
                     sums[robot][field] += record[field]
         return sums
+
+    # --- robots on the server's own network, by the liveliness tokens of their servers
+
+    def _token_changed(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        try:
+            tree = keys.tree_name(str(sample.key_expr))
+        except InvalidArgumentException:  # a token that no server of ours declares
+            return
+        if tree == self._service.name:
+            return
+        for pattern in self._settings.patterns:
+            name = pattern.robot_of(tree)
+            if name is not None:
+                self._add(RobotAddress(name, "", tree, pattern.share), self._streams[pattern])
+                return
+
+    def _add(self, address: RobotAddress, streams: SharedStreams) -> None:
+        """Listen to a robot that was found. Any session can declare tokens, so the number of robots
+        is limited, and each keeps its place until the server ends: none gets another share of
+        frames by returning."""
+        name = address.name
+        with self._lock:
+            if name in self._robots:
+                return
+            if len(self._robots) - len(self._settings.links) >= self._most:
+                self._log.warn(
+                    "robots",
+                    f"robot {name!r} is left out: {self._most:,} robots were found, which is the "
+                    "limit (--limit robots=N)",
+                )
+                return
+            self._robots[name] = robot = self._make(address)
+        log.info("robot %r: found tree %r on this network", name, address.tree)
+        robot.start(self._session, streams)
 
 
 def start(
