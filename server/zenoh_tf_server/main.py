@@ -9,7 +9,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
@@ -72,7 +72,8 @@ async def serve(settings: ServerSettings) -> NoReturn:
     monitoring = Monitoring(settings.metrics, settings.limits)
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    starting = asyncio.ensure_future(asyncio.to_thread(_start, settings, loop))
+    kind: Callable[..., RunningServer] = ReplicaServer if settings.replica_of else Server
+    starting = asyncio.ensure_future(asyncio.to_thread(kind, settings, loop))
     stopped = asyncio.ensure_future(stop.wait())
     await asyncio.wait({starting, stopped}, return_when=asyncio.FIRST_COMPLETED)
     if not starting.done():
@@ -99,10 +100,6 @@ async def serve(settings: ServerSettings) -> NoReturn:
     except TimeoutError:
         log.warning("the Zenoh session did not close in time: ending without closing it")
     _end()
-
-
-def _start(settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> RunningServer:
-    return (ReplicaServer if settings.replica_of else Server)(settings, loop)
 
 
 def _end() -> NoReturn:

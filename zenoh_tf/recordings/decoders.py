@@ -6,6 +6,7 @@ Messages that cannot be decoded have no rows, and are counted.
 
 from __future__ import annotations
 
+import importlib
 import json
 import struct
 from collections.abc import Callable
@@ -29,8 +30,7 @@ Decode = Callable[[list[bytes]], Decoded]
 _TF_MESSAGES: Final = frozenset(
     {"tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage", "tf/msg/tfMessage", "tf/tfMessage"}
 )
-_FRAME_TRANSFORMS: Final = "foxglove.FrameTransforms"
-_FRAME_TRANSFORM: Final = "foxglove.FrameTransform"
+_FRAME_TRANSFORMS: Final = ("foxglove.FrameTransforms", "foxglove.FrameTransform")
 #: What can be read, for error messages.
 READABLE: Final = "tf2_msgs/msg/TFMessage, foxglove.FrameTransforms or foxglove.FrameTransform"
 
@@ -43,10 +43,8 @@ def decoder(message_type: str, encoding: str) -> Decode | None:
     kinds: dict[str, Decode] = {}
     if message_type in _TF_MESSAGES:
         kinds = {"cdr": _cdr, "ros1": _each(_ros1)}
-    elif message_type == _FRAME_TRANSFORMS:
-        kinds = {"protobuf": _each(_frame_transforms), "json": _each(_json)}
-    elif message_type == _FRAME_TRANSFORM:
-        kinds = {"protobuf": _each(_frame_transform), "json": _each(_json_one)}
+    elif message_type in _FRAME_TRANSFORMS:
+        kinds = {"protobuf": _each(_protobuf(message_type)), "json": _each(_json)}
     return kinds.get(encoding)
 
 
@@ -111,22 +109,16 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     return data[at + _LENGTH.size : end].decode(), end
 
 
-def _frame_transforms(data: bytes) -> list[_Row]:
-    """A foxglove.FrameTransforms in protobuf."""
-    from foxglove_schemas_protobuf.FrameTransforms_pb2 import (  # noqa: PLC0415 - an extra
-        FrameTransforms,
-    )
+def _protobuf(message_type: str) -> Callable[[bytes], list[_Row]]:
+    """A decoder of a foxglove.FrameTransforms, or of a single FrameTransform, in protobuf."""
+    name = message_type.rpartition(".")[2]
 
-    return [_protobuf_row(row) for row in FrameTransforms.FromString(data).transforms]
+    def decode(data: bytes) -> list[_Row]:
+        schema = importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2")  # an extra
+        message = getattr(schema, name).FromString(data)
+        return [_protobuf_row(row) for row in getattr(message, "transforms", [message])]
 
-
-def _frame_transform(data: bytes) -> list[_Row]:
-    """A foxglove.FrameTransform in protobuf."""
-    from foxglove_schemas_protobuf.FrameTransform_pb2 import (  # noqa: PLC0415 - an extra
-        FrameTransform,
-    )
-
-    return [_protobuf_row(FrameTransform.FromString(data))]
+    return decode
 
 
 def _protobuf_row(row: Any) -> _Row:
@@ -142,13 +134,9 @@ def _protobuf_row(row: Any) -> _Row:
 
 
 def _json(data: bytes) -> list[_Row]:
-    """A foxglove.FrameTransforms in JSON."""
-    return [_json_row(row) for row in json.loads(data)["transforms"]]
-
-
-def _json_one(data: bytes) -> list[_Row]:
-    """A foxglove.FrameTransform in JSON."""
-    return [_json_row(json.loads(data))]
+    """A foxglove.FrameTransforms, or a single FrameTransform, in JSON."""
+    message = json.loads(data)
+    return [_json_row(row) for row in message.get("transforms", [message])]
 
 
 def _json_row(row: dict[str, Any]) -> _Row:

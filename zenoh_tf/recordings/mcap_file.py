@@ -24,7 +24,8 @@ MAX_RECORD_BYTES: Final = 1 << 30
 #: Messages outside of chunks that are put in order together.
 _UNCHUNKED: Final = 10_000
 
-_RECORD: Final = struct.Struct("<BQ")  # opcode, bytes of the record
+#: Before each record: its opcode, and its bytes.
+RECORD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
 _SCHEMA_RECORD: Final = 3
 _CHANNEL_RECORD: Final = 4
@@ -112,7 +113,7 @@ class McapFile:
         from mcap.records import Chunk  # noqa: PLC0415
 
         for index in self._chunks or ():
-            self._stream.seek(index.chunk_start_offset + _RECORD.size)
+            self._stream.seek(index.chunk_start_offset + RECORD.size)
             chunk = Chunk.read(ReadDataStream(self._stream))
             yield index.message_start_time, self._messages_in(chunk)
 
@@ -171,8 +172,8 @@ class McapFile:
         channels = self._channels
         at = 0
         while at < size:
-            opcode, length = _RECORD.unpack_from(data, at)
-            at += _RECORD.size
+            opcode, length = RECORD.unpack_from(data, at)
+            at += RECORD.size
             end = at + length
             if end > size:
                 raise ValueError("a record is longer than its chunk")

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from .errors import RecordingError, missing_library
-from .mcap_file import MAX_RECORD_BYTES, McapFile
+from .mcap_file import MAX_RECORD_BYTES, RECORD, McapFile
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
-_RECORD: Final = struct.Struct("<BQ")  # opcode, bytes of the record
 #: Of a chunk: times of its first and last message, size and checksum before compression, and the
 #: length of the compression's name.
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
@@ -111,11 +110,11 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
     """The records of the data section as opcode, content, and whether it is complete: the last one
     may not be, and then its content is the rest of the file."""
     while True:
-        head = stream.read(_RECORD.size)
-        if len(head) < _RECORD.size:
+        head = stream.read(RECORD.size)
+        if len(head) < RECORD.size:
             yield 0, head, False
             return
-        opcode, length = _RECORD.unpack(head)
+        opcode, length = RECORD.unpack(head)
         if opcode == _DATA_END:
             return
         is_complete = bool(opcode) and length <= min(size - stream.tell(), MAX_RECORD_BYTES)
@@ -215,12 +214,12 @@ class _Copy:
     def _add_records(self, data: bytes) -> int:
         """Add the complete records of a chunk's data. Returns how many bytes they have."""
         at = 0
-        while at + _RECORD.size <= len(data):
-            opcode, length = _RECORD.unpack_from(data, at)
-            end = at + _RECORD.size + length
+        while at + RECORD.size <= len(data):
+            opcode, length = RECORD.unpack_from(data, at)
+            end = at + RECORD.size + length
             if end > len(data):
                 break
-            self._add_record(opcode, data[at + _RECORD.size : end])
+            self._add_record(opcode, data[at + RECORD.size : end])
             at = end
         return at
 

@@ -44,7 +44,8 @@ class AuthoritySeries:
         others: dict[str, Counts] = {}
         for name, counts in by_name.items():
             if name in self._own:
-                _add(series.setdefault(_label(name), {}), counts)
+                label = cut(printable(name), _MAX_LABEL_CHARS)
+                _add(series.setdefault(label, {}), counts)
             else:
                 others[name] = counts
         if others or self._other:
@@ -77,7 +78,3 @@ def _counts(record: Mapping[str, Any]) -> Counts:
 def _add(to: Counts, counts: Mapping[str, float]) -> None:
     for field, value in counts.items():
         to[field] = to.get(field, 0.0) + value
-
-
-def _label(name: str) -> str:
-    return cut(printable(name), _MAX_LABEL_CHARS)

@@ -18,7 +18,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
@@ -112,10 +112,9 @@ class Outgoing:
         self._tree = tree
         self._links = links
         self._patterns = patterns
-        self._period_s = 1 / rate_hz
         self._domain = domain
         self._chosen = BoundedMap[str, bool](_KNOWN_NAMES)
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # of the commits that wait, and the counters
         self._commits: deque[tuple[wire.Commit, Stores]] = deque()
         self._waiting = 0  # transforms in them
         self._tokens: list[zenoh.LivelinessToken] = []
@@ -125,11 +124,13 @@ class Outgoing:
         self._statics_change = -1
         self._messages = self._transforms = self._left_out = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
-        self._next_s = 0.0
-        period_s = min(self._period_s, _STATICS_S)
         self._declare(session)
-        self._thread = Periodic("ros2-out", self._publish_due, period_s)
-        self._thread.start()
+        self._threads = (
+            Periodic("ros2-statics-out", self._publish_statics, _STATICS_S),
+            Periodic("ros2-out", self._publish_moving, 1 / rate_hz),
+        )
+        for thread in self._threads:
+            thread.start()
 
     def _declare(self, session: zenoh.Session) -> None:
         zid = str(session.info.zid())
@@ -148,7 +149,8 @@ class Outgoing:
 
     def close(self) -> None:
         """Publish no more."""
-        self._thread.close()
+        for thread in self._threads:
+            thread.close()
         for token in self._tokens:
             token.undeclare()
         for peers in self._peers.values():
@@ -175,18 +177,6 @@ class Outgoing:
 
     def _declare_token(self, session: zenoh.Session, key: str) -> None:
         self._tokens.append(session.liveliness().declare_token(key))
-
-    def _publish_due(self) -> None:
-        self._attempt(self._publish_statics)
-        if (now_s := time.monotonic()) >= self._next_s:
-            self._next_s = now_s + self._period_s
-            self._attempt(self._publish_moving)
-
-    def _attempt(self, publish: Callable[[], None]) -> None:
-        try:
-            publish()
-        except Exception as error:  # publishing must continue
-            self._log.warn("publishing on ROS 2", f"{type(error).__name__}: {error}")
 
     # --- moving frames
 
@@ -261,14 +251,16 @@ class Outgoing:
 
     def _count_left_out(self, topic: str, found: _Encoded) -> None:
         if found.refusal is not None:
-            self._left_out += found.left_out
+            with self._lock:
+                self._left_out += found.left_out
             self._log.warn(
                 f"publishing on /{topic}", f"{found.left_out} left out, the last: {found.refusal}"
             )
 
     def _put(self, topic: str, found: _Encoded) -> None:
-        self._messages += 1  # before it is heard, and may come back
-        self._transforms += found.count
+        with self._lock:  # before it is heard, and may come back
+            self._messages += 1
+            self._transforms += found.count
         latched = topic == "tf_static"  # late subscribers get it too
         for peer in self._peers[topic]:
             if latched or peer.has_listeners:

@@ -161,7 +161,7 @@ class StateFile:
             os.close(self._lock)
 
     def _create(self, tree: str) -> None:
-        if any(self._beside("-wal", "-journal")):
+        if any(Path(f"{self.path}{suffix}").exists() for suffix in ("-wal", "-journal")):
             raise self._damaged("the file is missing, and its log is there")
         draft = self.path.with_name(_NAME + ".new")
         for path in (draft, *(Path(f"{draft}{suffix}") for suffix in ("-wal", "-journal"))):
@@ -251,11 +251,6 @@ class StateFile:
             f"the state {self.path} is damaged: {reason}; put back a copy of {self.path.parent}, "
             "or move it away to start without the links that were stored"
         )
-
-    def _beside(self, *suffixes: str) -> Iterator[Path]:
-        for suffix in suffixes:
-            if (path := Path(f"{self.path}{suffix}")).exists():
-                yield path
 
 
 def _row(section: str, name: str, value: object) -> tuple[str, str, bytes, int]:
