@@ -179,12 +179,13 @@ def test_a_reply_of_another_server_does_not_count() -> None:
 def test_the_reply_to_a_probe_waits_for_no_client() -> None:
     """The reply to any other unknown sender may go to every link, and waits for a full one."""
     ours, theirs = socket.socketpair()
-    with ours, theirs:
+    config = zenoh_config.router([free_endpoint()])
+    with ours, theirs, zenoh.open(config) as session:
         ours.setblocking(False)
         with contextlib.suppress(BlockingIOError):
             while True:
                 ours.send(b"x" * 65536)
-        sockets, clients = LinkSockets(), Clients(10)
+        sockets, clients = LinkSockets(session), Clients(10)
         full = LinkSocket(ours.fileno(), os.fstat(ours.fileno()).st_ino)
         sockets._by_peer["frozen"] = {"link": full}
         links = OutboxLinks(sockets, clients)
@@ -193,6 +194,7 @@ def test_the_reply_to_a_probe_waits_for_no_client() -> None:
         own = clients.known(clients.own)
         assert own and (links.room(own) or 0) > 1000
         assert links.full_link(own) is None and not links.is_blind(own)
+        sockets.close()
 
 
 def unit() -> configparser.RawConfigParser:

@@ -28,7 +28,7 @@ import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
@@ -108,20 +108,16 @@ class LinkSocket:
 class LinkSockets:
     """The sockets of a session's links, by the Zenoh id at the other end."""
 
-    def __init__(self) -> None:
+    def __init__(self, session: zenoh.Session) -> None:
+        """Follow the session's links."""
         self._lock = threading.Lock()
         self._by_peer: dict[str, dict[str, LinkSocket | None]] = {}  # peer: link: socket
         self._leaving: list[tuple[str, str, LinkSocket]] = []  # also in `_by_peer`
-        self._listener: zenoh.LinkEventsListener[Any] | None = None
-
-    def start(self, session: zenoh.Session) -> None:
-        """Follow the session's links."""
         self._listener = session.info.declare_link_events_listener(self._changed, history=True)
 
     def close(self) -> None:
         """Follow no more links."""
-        if self._listener is not None:
-            self._listener.undeclare()
+        self._listener.undeclare()
 
     def of_peer(self, peer: str) -> list[LinkSocket | None]:
         """The sockets of the links to a peer; None for a link whose socket is not known."""

@@ -9,6 +9,7 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import asyncio
+import functools
 import logging
 import threading
 from collections.abc import Iterator
@@ -33,7 +34,7 @@ from .pool import Pool
 from .quota import FrameQuota
 from .rows import Rows
 from .settings import RobotAddress
-from .shared_streams import SharedStreams, SharedUpstream
+from .shared_streams import SharedStreams
 
 #: How long one attempt to connect may take.
 CONNECT_TIMEOUT_S: Final = 5.0
@@ -160,11 +161,8 @@ class Robot:
         run, interest = self._runs, self._address.share.interest
         name = f"the server of robot {self.name!r}"
         tree, streams = self._address.tree, self._streams
-        source = (
-            Upstream(session, tree, name, interest=interest)
-            if streams is None
-            else SharedUpstream(streams, session, tree, name, interest)
-        )
+        listen = None if streams is None else functools.partial(streams.inbox, tree)
+        source = Upstream(session, tree, name, interest=interest, listen=listen)
         feed = MirrorFeed(
             source, self._on_copy, interest, observer=self, keeps_tree=False, runner=self._pool
         )

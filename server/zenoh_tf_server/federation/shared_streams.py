@@ -9,15 +9,13 @@ Thread safety: all methods, but `distribute` is for one thread.
 from __future__ import annotations
 
 from collections import deque
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 from zenoh.handlers import RingChannel
 
-from zenoh_tf import wire
 from zenoh_tf._net import keys
 
-from ..process.upstream import Upstream
 from .settings import RobotPattern
 
 #: Messages of all robots that wait for `distribute`. It comes every few milliseconds.
@@ -79,22 +77,3 @@ class SharedStreams:
             inbox = inboxes.get(keys.tree_chunk(str(sample.key_expr)))
             if inbox is not None:
                 inbox.samples.append(sample)
-
-
-class SharedUpstream(Upstream):
-    """An `Upstream` whose stream comes from `SharedStreams`."""
-
-    def __init__(
-        self,
-        streams: SharedStreams,
-        session: zenoh.Session,
-        tree: str,
-        name: str,
-        interest: wire.Interest | None,
-    ) -> None:
-        super().__init__(session, tree, name, interest=interest)
-        self._streams = streams
-
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
-        """Listen to the stream; see `Source`. The channel is not used."""
-        return self._streams.inbox(self.tree)

@@ -39,10 +39,13 @@ class Upstream:
         name: str | None = None,
         user: str | None = None,
         interest: wire.Interest | None = None,
+        listen: Callable[[], Any] | None = None,
     ) -> None:
         """Say to the primary that its client is there. `name`: what messages call it. `user`: as
-        whom the session connects. `interest`: whose stream is followed; None: everything."""
+        whom the session connects. `interest`: whose stream is followed; None: everything.
+        `listen` makes what its messages come from; None: each time a subscriber."""
         self._session = session
+        self._listen = listen
         self.tree = tree
         self._stream = keys.streams(tree, interest.id if interest else "")
         own_id = str(session.zid())
@@ -84,8 +87,10 @@ class Upstream:
                     f"{CONNECT_TIMEOUT_S:g} s (--replica-of): {reason}"
                 ) from error
 
-    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
+    def subscribe(self, channel: RingChannel[zenoh.Sample]) -> Any:
         """Listen to the stream; see `Source`."""
+        if self._listen is not None:
+            return self._listen()
         return self._session.declare_subscriber(self._stream, channel)
 
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:

@@ -38,9 +38,8 @@ class RunningServer:
         self.key = key
         self.clients = clients = Clients(service.limits.connections)
         stack.callback(clients.close)
-        sockets = LinkSockets()
+        sockets = LinkSockets(session)
         stack.callback(sockets.close)
-        sockets.start(session)
         replies = Replies(OutboxLinks(sockets, clients), service.limits, service.error)
         stack.callback(replies.close)
         clients.when_gone(replies.forget)
