@@ -158,10 +158,14 @@ class HangingFile:
     def __init__(self) -> None:
         self.released = threading.Event()
         self.written: list[Changes] = []
+        self.is_closed = False
 
     def write(self, changes: Changes) -> None:
         assert self.released.wait(30)
         self.written.append(changes)
+
+    def close(self) -> None:
+        self.is_closed = True
 
 
 def test_a_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,4 +188,5 @@ def test_a_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
         (Table.STATIC_LINKS, "a"),
         (Table.STATIC_LINKS, "b"),
     }
-    assert writer.close()
+    writer.close()
+    assert file.is_closed

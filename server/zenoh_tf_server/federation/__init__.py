@@ -58,7 +58,6 @@ class Robots:
             Robot,
             shared=settings.shared,
             credentials=security.credentials,
-            limits=limits,
             service=service,
             share=quota.default_share(limits, expected),
             pool=self._pool,

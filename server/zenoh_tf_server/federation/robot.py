@@ -25,7 +25,6 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 
 from ..ingest.put_queues import Put
-from ..limits import Limits
 from ..process.network import open_client_session
 from ..process.upstream import Upstream
 from ..rate_limited_log import RateLimitedLog
@@ -58,7 +57,6 @@ class Robot:
         address: RobotAddress,
         shared: tuple[str, ...],
         credentials: Credentials,
-        limits: Limits,
         service: Service,
         share: int,
         pool: Pool,
@@ -71,7 +69,7 @@ class Robot:
         if zenoh_config.protocol(address.endpoint) not in zenoh_config.TLS_PROTOCOLS:
             credentials = replace(credentials, ca=None, certificate=None, key=None)
         self._credentials = credentials
-        self._limits = limits
+        self._limits = service.limits
         self._pool = pool
         self._own_instance = service.instance
         self._refusals = service.refusals
@@ -83,7 +81,7 @@ class Robot:
         self._feed: MirrorFeed | None = None
         # The rest is guarded by the feed's lock.
         self._quota = FrameQuota(address.name, service.tree, address.share.max_frames or share)
-        self._rows = Rows(address.name, shared, limits.rows, self._quota, self._refuse)
+        self._rows = Rows(address.name, shared, self._limits.rows, self._quota, self._refuse)
         self._copy_seq = 0  # of the last commit in the copy that began
         self._is_self = False
 

@@ -30,9 +30,7 @@ def start(
 ) -> None:
     """Join the ROS 2 network of a session, until the stack is closed."""
     if settings.publish:
-        outgoing = Outgoing(
-            session, service.tree, links, settings.publish, settings.rate_hz, settings.domain
-        )
+        outgoing = Outgoing(session, service.tree, links, settings)
         stack.callback(outgoing.close)
         service.on_commit = outgoing.committed
         service.add_counters(outgoing.counters)

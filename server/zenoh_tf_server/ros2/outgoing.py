@@ -18,7 +18,6 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
@@ -38,6 +37,7 @@ from zenoh_tf.threads import Periodic
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks, Stores
 from .publishers import AUTHORITIES, NODE, is_echo
+from .settings import Ros2Settings
 
 #: Reliable, volatile and transient local, as tf2's broadcasters; see docs/how-to/ros2.md.
 _QOS: Final = {"tf": "1:2:1,100:,:,:,,", "tf_static": "1:1:1,1:,:,:,,"}
@@ -105,14 +105,12 @@ class Outgoing:
         session: zenoh.Session,
         tree: TransformTree,
         links: StaticLinks,
-        patterns: Sequence[str],
-        rate_hz: float,
-        domain: int,
+        settings: Ros2Settings,
     ) -> None:
         self._tree = tree
         self._links = links
-        self._patterns = patterns
-        self._domain = domain
+        self._patterns = settings.publish
+        self._domain = settings.domain
         self._chosen = BoundedMap[str, bool](_KNOWN_NAMES)
         self._lock = threading.Lock()  # of the commits that wait, and the counters
         self._commits: deque[tuple[wire.Commit, Stores]] = deque()
@@ -127,7 +125,7 @@ class Outgoing:
         self._declare(session)
         self._threads = (
             Periodic("ros2-statics-out", self._publish_statics, _STATICS_S),
-            Periodic("ros2-out", self._publish_moving, 1 / rate_hz),
+            Periodic("ros2-out", self._publish_moving, 1 / settings.rate_hz),
         )
         for thread in self._threads:
             thread.start()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,35 +81,27 @@ class State:
         Raises:
             StateError: The state cannot be used, or does not fit into the tree's limits.
         """
-        self._file: StateFile | None = None
-        self._writer: StateWriter | None = None
-        self._poses: LastPoses | None = None
+        self._stack = ExitStack()
+        writer: StateWriter | None = None
         stored = Stored()
         if settings.folder is not None:
-            self._file = StateFile(settings.folder, tree_name, settings.sync)
+            file = StateFile(settings.folder, tree_name, settings.sync)
             try:
-                stored = self._file.read()
-                _restore(tree, stored, settings, self._file.path)
+                stored = file.read()
+                _restore(tree, stored, settings, file.path)
             except BaseException:
-                self._file.close()
+                file.close()
                 raise
-            self._writer = StateWriter(self._file)
-        self.links = StaticLinks(tree, limits, self._writer, stored, settings.remember)
-        if self._writer is not None:
-            self._poses = LastPoses(tree, settings.remember, self.links, self._writer, stored)
+            writer = StateWriter(file)
+            self._stack.callback(writer.close)
+        self.links = StaticLinks(tree, limits, writer, stored, settings.remember)
+        if writer is not None:
+            poses = LastPoses(tree, settings.remember, self.links, writer, stored)
+            self._stack.callback(poses.close)
 
     def close(self) -> None:
         """Store what is not stored yet. May be called again."""
-        poses, self._poses = self._poses, None
-        if poses is not None:
-            poses.close()
-        writer, self._writer = self._writer, None
-        if writer is not None and not writer.close():
-            log.error("the state is not stored: the disk does not answer")
-            return
-        file, self._file = self._file, None
-        if file is not None:
-            file.close()
+        self._stack.close()
 
 
 def _restore(tree: TransformTree, stored: Stored, settings: StateSettings, path: Path) -> None:

@@ -78,14 +78,17 @@ class StateWriter:
         with self._changed:
             return len(self._pending) + self._writing
 
-    def close(self) -> bool:
-        """Write what is pending, once more if the last write failed, and end the thread. False:
-        the disk does not answer, and the thread is still there."""
+    def close(self) -> None:
+        """Write what is pending, once more if the last write failed; end the thread and close the
+        file, unless the disk does not answer."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         threads.join(self._thread, timeout_s=STORE_TIMEOUT_S)
-        return not self._thread.is_alive()
+        if self._thread.is_alive():
+            log.error("the state is not stored: the disk does not answer")
+        else:
+            self._file.close()
 
     def _not_durable(self, reason: str) -> NotDurable:
         return NotDurable(
