@@ -8,7 +8,7 @@ import json
 import operator
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,45 +38,40 @@ LEAST_PERCENT = 0.01
 Bar = tuple[str, str, str, float, float, float]
 
 
-def throughput(results: Results) -> Figure:
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5))
+def throughput(results: Results, left: Axes, right: Axes) -> None:
     _published(left, "operations_per_s", 1)
     _measured(left, results, "paper", "operations_per_s")
     _measured(right, results, "paper", "reads_per_s", "links read", 16)
     _measured(right, results, "paper", "links_written_per_s", "links written")
     _threads_axis(left, "operations/s", "As the report counts: tf2's 16 sets are 16 operations")
     _threads_axis(right, "links/s", "The same runs, links counted alike")
-    return figure
 
 
-def latency(results: Results) -> Figure:
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), sharey=True)
+def latency(results: Results, left: Axes, right: Axes) -> None:
+    right.sharey(left)
+    right.tick_params(labelleft=False)
     _published(left, "read_latency_mean_ms", 1000)
     for axes, part in ((left, "paper"), (right, "paper-cached")):
         _measured(axes, results, part, "read_us_p50", "median")
         _measured(axes, results, part, "read_us_p999", "99.9 %")
     _threads_axis(left, "a read of 16 links, µs", "1,000,000 links; published: means")
     _threads_axis(right, "", "1,000 links")
-    return figure
 
 
-def delay(results: Results) -> Figure:
-    figure, axes = plt.subplots(figsize=(7, 5))
+def delay(results: Results, axes: Axes) -> None:
     _published(axes, "delay_ms", 0.001, (" (mean stamp)", " (oldest stamp)"))
     _measured(axes, results, "delay", "delay_oldest_s", "oldest stamp")
     _measured(axes, results, "delay", "delay_mean_s", "mean stamp")
     seconds = results.rows("delay")[0]["seconds"]
     _threads_axis(axes, "age of the data used, s", f"1,000,000 links, runs of {seconds} s")
-    return figure
 
 
-def staleness(results: Results) -> Figure:
+def staleness(results: Results, axes: Axes) -> None:
     series = {
         ("tf2", "latest-common"): ("tf2, latest common time", ORANGE),
         ("optimistic", "latest-common"): ("zenoh-tf, latest common time", PALE),
         ("optimistic", "latest-xact"): ("zenoh-tf, latest of every link", BLUE),
     }
-    figure, axes = plt.subplots(figsize=(7.5, 4.8))
     bars = []
     for row in results.rows("staleness"):
         mean, tail = row["ms_mean"][1], row["ms_p99"][1]
@@ -86,10 +81,9 @@ def staleness(results: Results) -> Figure:
     label = "age of the data used, ms: mean (number), line to the 99th percentile"
     axes.set(xlabel=label, xlim=(None, 1.08 * max(bar[5] for bar in bars)))
     _finish(axes, "How old each link of one lookup is, by kind of lookup")
-    return figure
 
 
-def reads(results: Results) -> Figure:
+def reads(results: Results, axes: Axes) -> None:
     systems = {
         "embedded": ("embedded tree", BLUE),
         "shared": ("server's memory, another process", PALE),
@@ -98,7 +92,6 @@ def reads(results: Results) -> Figure:
         "query": ("query of the server", ORANGE),
         "bare query": ("empty Zenoh query", "#999999"),
     }
-    figure, axes = plt.subplots(figsize=(7.5, 5))
     bars = []
     for row in results.rows("reads"):
         low, median, high = row["us_per_call"]
@@ -107,12 +100,10 @@ def reads(results: Results) -> Figure:
     axes.set(xscale="log", xlabel="time of a lookup over 4 links from Python, µs")
     axes.set_xlim(0.05, 5 * max(bar[5] for bar in bars))
     _finish(axes, "A lookup, by where it is answered")
-    return figure
 
 
-def estimate_coverage(results: Results) -> Figure:
+def estimate_coverage(results: Results, axes: Axes) -> None:
     """How many truths were outside the bounds, beside how many may be."""
-    figure, axes = plt.subplots(figsize=(7.5, 5))
     rows = [row for row in results.rows("estimate", system="estimate") if "attained" in row]
     rows.sort(key=operator.itemgetter("level"))
     promised = sorted({100 * (1 - row["level"]) for row in rows})
@@ -129,12 +120,10 @@ def estimate_coverage(results: Results) -> Figure:
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
     axes.invert_xaxis()
     _finish(axes, "On and below the grey line the promise is kept")
-    return figure
 
 
-def estimate_start(results: Results) -> Figure:
+def estimate_start(results: Results, axes: Axes) -> None:
     """The bound and the error of a base that has stood still, starts, and stops again."""
-    figure, axes = plt.subplots(figsize=(7.5, 4.8))
     axes.axvspan(0, 3, color="#eeeeee", label="it drives")
     for system, name, color in (
         ("estimate, limits", "bound with declared limits of motion", BLUE),
@@ -148,7 +137,6 @@ def estimate_start(results: Results) -> Figure:
     axes.fill_between(times, errors, color="#555555", linewidth=0, label="true error")
     axes.set(xlabel="seconds since it started, after 15 s of rest", ylabel="mm", ylim=(0, None))
     _finish(axes, "Level 0.9, samples at 20 Hz that are 80 ms late")
-    return figure
 
 
 def _bars(axes: Axes, bars: Iterable[Bar], unit: str = "") -> None:
@@ -231,26 +219,27 @@ def _caption(results: Results, part: str) -> str:
     return text
 
 
-#: The figures, and the part that each is of.
-FIGURES = {
-    throughput: "paper",
-    latency: "paper",
-    delay: "delay",
-    staleness: "staleness",
-    reads: "reads",
-    estimate_coverage: "estimate",
-    estimate_start: "estimate",
+#: The figures: the part that each is of, its size in inches, its plots side by side.
+FIGURES: dict[Callable[..., None], tuple[str, tuple[float, float], int]] = {
+    throughput: ("paper", (10, 5), 2),
+    latency: ("paper", (10, 5), 2),
+    delay: ("delay", (7, 5), 1),
+    staleness: ("staleness", (7.5, 4.8), 1),
+    reads: ("reads", (7.5, 5), 1),
+    estimate_coverage: ("estimate", (7.5, 5), 1),
+    estimate_start: ("estimate", (7.5, 4.8), 1),
 }
 
 
 def draw(results: Results, folder: Path) -> None:
     """Writes all figures into the folder."""
-    for draw_figure, part in FIGURES.items():
-        figure = draw_figure(results)
+    for plot, (part, size, plots) in FIGURES.items():
+        figure, axes = plt.subplots(1, plots, figsize=size, squeeze=False)
+        plot(results, *axes[0])
         figure.tight_layout(rect=(0, 0.07, 1, 1))
         caption = textwrap.fill(_caption(results, part), int(figure.get_figwidth() * 17))
         figure.text(0.01, 0.01, caption, fontsize=7, color="#444444")
-        save(figure, folder / f"{draw_figure.__name__}.svg")
+        save(figure, folder / f"{plot.__name__}.svg")
 
 
 def save(figure: Figure, path: Path) -> None:
