@@ -20,6 +20,7 @@ class Decoded(NamedTuple):
     """The rows of many messages."""
 
     rows: TransformRows
+    counts: list[int]  # rows of each message
     malformed: int  # messages that cannot be decoded
     first_fault: str  # what is wrong with the first of them
 
@@ -51,7 +52,16 @@ def decoder(message_type: str, encoding: str) -> Decode | None:
 def _cdr(messages: list[bytes]) -> Decoded:
     """tf2_msgs/TFMessage of ROS 2."""
     rows, malformed, field, expected = decode_tf_messages(messages)
-    return Decoded(rows, malformed, f"CDR field {field} must be {expected}" if malformed else "")
+    if malformed:
+        counts = [len(decode_tf_messages([data])[0]) for data in messages]
+        return Decoded(rows, counts, malformed, f"CDR field {field} must be {expected}")
+    return Decoded(rows, [_cdr_count(data) for data in messages], 0, "")
+
+
+def _cdr_count(data: bytes) -> int:
+    """How many transforms a valid message has: the length of the sequence is behind the header,
+    whose second byte is the order of the bytes."""
+    return int.from_bytes(data[4:8], "little" if data[1] & 1 else "big")
 
 
 _MAX_STAMP: Final = 1 << 63
@@ -64,19 +74,22 @@ def _each(decode: Callable[[bytes], list[_Row]]) -> Decode:
 
     def decode_all(messages: list[bytes]) -> Decoded:
         parts: list[TransformRows] = []
+        counts: list[int] = []
         malformed, fault = 0, ""
         for data in messages:
+            counts.append(0)
             try:
                 found = decode(data)
                 if any(abs(stamp_ns) >= _MAX_STAMP for _, _, stamp_ns, _ in found):
                     raise ValueError("a stamp is beyond 64 bits of nanoseconds")
                 parts.append(TransformRows.of_tuples(found))
+                counts[-1] = len(found)
             except ImportError:
                 raise
             except Exception as error:
                 malformed += 1
                 fault = fault or reason(error)
-        return Decoded(TransformRows.join(parts), malformed, fault)
+        return Decoded(TransformRows.join(parts), counts, malformed, fault)
 
     return decode_all
 

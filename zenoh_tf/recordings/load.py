@@ -32,6 +32,7 @@ def load(
     tree: TransformTree,
     on_messages: Callable[[int], None] | None = None,
     until_ns: int | None = None,
+    since_ns: int | None = None,
 ) -> None:
     """Commit all messages of a recording; what no tree accepts is left out and counted.
 
@@ -41,6 +42,7 @@ def load(
         on_messages: Told how many messages were committed, now and then.
         until_ns: Leave out what was recorded later, in nanoseconds, so that the tree knows what a
             live one knew at that time, which is "now" for its estimates; None for nothing.
+        since_ns: As of `Recording.blocks`.
 
     Raises:
         RecordingError: The recording is damaged, or has no transforms by then, or its log has
@@ -48,7 +50,7 @@ def load(
         LimitExceeded: The tree's memory is full, or it has too many frames.
     """
     done = 0
-    for block in recording.blocks(until_ns):
+    for block in recording.blocks(until_ns, since_ns):
         for _ in valid_commits(recording, tree, block.rows, block.static):
             pass
         done += block.messages

@@ -66,22 +66,34 @@ def loaded(
     args: argparse.Namespace,
     max_memory_bytes: int = MAX_MEMORY_BYTES,
     advice: str = "",
-    until_ns: int | None = None,
 ) -> tuple[TransformTree, tuple[int, int] | None]:
     """The recording as a tree, and its first and last stamp, read under a progress bar.
 
-    `advice`: what to do about a recording that is too large, for the error. `until_ns`: leave out
-    what was recorded later; None for nothing.
+    `advice`: what to do about a recording that is too large, for the error.
     """
     tree = TransformTree(**OPTIONS, max_memory_bytes=max_memory_bytes)
     with open_recording(args.file, args.topics) as recording:
         with Progress(recording.message_count, "messages") as progress:
             try:
-                load(recording, tree, progress.to, until_ns)
+                load(recording, tree, progress.to)
             except LimitExceeded as error:
                 raise CommandError(f"{args.file}: {error}{advice}") from error
         warn(recording)
     return tree, recording.range_ns
+
+
+@contextmanager
+def kept(args: argparse.Namespace) -> Iterator[tuple[Recording, tuple[int, int] | None]]:
+    """The recording, read into memory under a progress bar, and its first and last stamp. Trees of
+    what was known at some time need no further pass."""
+    with opened(args) as recording:
+        try:
+            with Progress(recording.message_count, "messages") as progress:
+                range_ns = recording.keep(MAX_MEMORY_BYTES, progress.to)
+            yield recording, range_ns
+        except LimitExceeded as error:
+            raise CommandError(f"{args.file}: {error}") from error
+        warn(recording)
 
 
 def chosen_range(

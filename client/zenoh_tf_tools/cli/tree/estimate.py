@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf import Estimate, FrameInfo, StampedTransform, TransformException, TransformTree
+from zenoh_tf.recordings import OPTIONS, load
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import angle, duration, length, live_time, number, recorded_time
 from zenoh_tf.text.times import age
@@ -102,12 +103,14 @@ def _estimate(args: argparse.Namespace) -> int:
 def _known_tree(args: argparse.Namespace) -> tuple[TransformTree, int | None]:
     """The tree of what a recording had by the time of --known, and the time of --at."""
     at, known = (recorded.time_at(args, recorded_time, option) for option in ("--at", "--known"))
-    tree, range_ns = recorded.loaded(args)
-    if range_ns is None:  # all is static
-        return tree, None
-    stamp_ns = recorded.stamp_ns("--at", at, range_ns, range_ns[1], inside=True)
-    known_ns = recorded.stamp_ns("--known", known, range_ns, stamp_ns, inside=True)
-    return recorded.loaded(args, until_ns=known_ns)[0], stamp_ns
+    tree = TransformTree(**OPTIONS)
+    stamp_ns = known_ns = None
+    with recorded.kept(args) as (recording, range_ns):
+        if range_ns is not None:  # else all is static
+            stamp_ns = recorded.stamp_ns("--at", at, range_ns, range_ns[1], inside=True)
+            known_ns = recorded.stamp_ns("--known", known, range_ns, stamp_ns, inside=True)
+        load(recording, tree, until_ns=known_ns)
+    return tree, stamp_ns
 
 
 def _answer(
