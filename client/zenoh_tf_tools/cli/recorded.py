@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -86,7 +87,7 @@ def loaded(
 def kept(args: argparse.Namespace) -> Iterator[tuple[Recording, tuple[int, int] | None]]:
     """The recording, read into memory under a progress bar, and its first and last stamp. Trees of
     what was known at some time need no further pass."""
-    with opened(args) as recording:
+    with open_recording(args.file, args.topics) as recording:
         try:
             with Progress(recording.message_count, "messages") as progress:
                 range_ns = recording.keep(MAX_MEMORY_BYTES, progress.to)

@@ -82,8 +82,8 @@ class ViewedTree(Protocol):
         """The time to show next; `links`: those of the last time."""
 
     def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
-        """The pose at the time that `now_ns` says, and how wrong it may be; None if no link is
-        carried on, as all samples are known. Raises as `TransformTree.estimate_transform`."""
+        """The pose at a time that is shown as now, and how wrong it may be; None if it is not known
+        what was known then. Raises as `TransformTree.estimate_transform`."""
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         """The time of the next sample of these frames, or if `step` is -1 of the one before, in

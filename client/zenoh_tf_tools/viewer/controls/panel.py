@@ -74,7 +74,6 @@ class Panel:
             self._estimate: Any = gui.add_checkbox(
                 "estimate",
                 True,
-                visible=is_live,
                 hint="the picked frame as it is now, and a ball that it is in",
             )
             self._robot: Any = gui.add_slider(
