@@ -37,7 +37,7 @@ def run_page(tf: Any, tree: TransformTree) -> None:
 
 
 def test_on_the_embedded_tree(capsys: pytest.CaptureFixture[str]) -> None:
-    assert len(SNIPPETS) == 4
+    assert len(SNIPPETS) == 5
     tree = TransformTree(cache_time_s=100.0)
     run_page(tree, tree)
     assert " within " in capsys.readouterr().out
