@@ -4,6 +4,7 @@ benchmark's part ``estimate``, with fixed seeds."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,23 @@ def test_history_does_not_know_a_wrong_clock_but_its_declared_error_does(clock_s
     declared = ask(scenario, times_s, (0.9,), 10.0, **SYSTEMS["estimate, clock"])[0.9]
     check(declared)
     assert np.median(declared[:, 2]) <= 4 * np.quantile(declared[:, 0], 0.9)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_declared_errors_of_all_clocks_hold(name: str) -> None:
+    """Those of neighbouring links are off in opposite directions."""
+    rng = np.random.default_rng(9)
+    feeds = [
+        replace(feed, stamps_s=feed.stamps_s + (0.02 if i % 2 else -0.02))
+        for i, feed in enumerate(SCENARIOS[name](rng, 60.0))
+    ]
+
+    def declare(tree: TransformTree) -> None:
+        for feed in feeds:
+            tree.set_motion_limits(feed.child, max_clock_error_s=0.02)
+
+    times_s = np.sort(rng.uniform(15, 59, QUESTIONS))
+    check(ask(Scenario(name, feeds), times_s, (0.9,), 10.0, declare)[0.9])
 
 
 @recorded.needs_recording
