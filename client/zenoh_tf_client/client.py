@@ -26,7 +26,7 @@ from .requests.receipt import Receipt
 from .session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE, Connection
 from .session.mapped_tree import MappedTree, Mode, check
 from .session.shared_reads import SharedReads
-from .transaction import Transaction, run_transaction
+from .transaction import Transaction, repeat
 from .writes import Writes
 
 T = TypeVar("T")
@@ -257,7 +257,7 @@ class TransformClient(Lookups, Estimates, Writes, Introspection):
         Example:
             ``tf.run_transaction(lift)``
         """
-        return run_transaction(self._connection, self._reads, function, attempts)
+        return repeat(lambda _: self.transaction(), function, attempts)
 
     def mirror(
         self,

@@ -216,29 +216,19 @@ class Transaction:
         return answer()
 
 
-def run_transaction(
-    connection: Connection,
-    reads: SharedReads,
-    function: Callable[[Transaction], T],
-    attempts: int,
-) -> T:
-    """See `TransformClient.run_transaction`."""
-    return repeat(lambda: Transaction(connection, reads), function, attempts)
-
-
 def repeat(
-    begin: Callable[[], Transaction],
+    begin: Callable[[int], Transaction],
     function: Callable[[Transaction], T],
     attempts: int,
 ) -> T:
-    """As `run_transaction`, with transactions that `begin` makes."""
+    """See `TransformClient.run_transaction`; `begin` makes an attempt, from 1 on."""
     if attempts < 1:
         raise must_be("attempts", "at least 1", attempts)
     pauses = threads.pauses(FIRST_PAUSE_S, LONGEST_PAUSE_S)
     attempt = 1
     while True:
         try:
-            with begin() as transaction:
+            with begin(attempt) as transaction:
                 try:
                     result = function(transaction)
                 except Exception as error:  # it is decided on consistent data

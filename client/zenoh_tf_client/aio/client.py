@@ -25,7 +25,7 @@ from .mirror import AsyncMirror
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
 from .session.threads import in_thread
-from .transaction import AsyncTransaction, run_transaction
+from .transaction import AsyncTransaction, repeat
 from .watch import AsyncWatch
 from .writes import AsyncWrites
 
@@ -268,7 +268,7 @@ class AsyncTransformClient(AsyncLookups, AsyncEstimates, AsyncWrites, AsyncIntro
         Example:
             ``await tf.run_transaction(lift)``
         """
-        return await run_transaction(self._connection, self._reads, function, attempts)
+        return await repeat(lambda _: self.transaction(), function, attempts)
 
     async def mirror(
         self,

@@ -238,11 +238,8 @@ class AsyncMirror(MirrorCopy):
             ``await m.run_transaction(lift)``
         """
         raise_if_forked()
-        attempt = 0
 
-        def begin() -> AsyncTransaction:
-            nonlocal attempt
-            attempt += 1
+        def begin(attempt: int) -> AsyncTransaction:
             return AsyncMirrorTransaction(self._connection, self._reads, self, attempt)
 
         return await repeat(begin, function, attempts)

@@ -214,29 +214,19 @@ class AsyncTransaction:
         return answer()
 
 
-async def run_transaction(
-    connection: Connection,
-    reads: SharedReads,
-    function: Callable[[AsyncTransaction], Awaitable[T]],
-    attempts: int,
-) -> T:
-    """See `AsyncTransformClient.run_transaction`."""
-    return await repeat(lambda: AsyncTransaction(connection, reads), function, attempts)
-
-
 async def repeat(
-    begin: Callable[[], AsyncTransaction],
+    begin: Callable[[int], AsyncTransaction],
     function: Callable[[AsyncTransaction], Awaitable[T]],
     attempts: int,
 ) -> T:
-    """As `run_transaction`, with transactions that `begin` makes."""
+    """See `AsyncTransformClient.run_transaction`; `begin` makes an attempt, from 1 on."""
     if attempts < 1:
         raise must_be("attempts", "at least 1", attempts)
     pauses = threads.pauses(FIRST_PAUSE_S, LONGEST_PAUSE_S)
     attempt = 1
     while True:
         try:
-            async with begin() as transaction:
+            async with begin(attempt) as transaction:
                 try:
                     result = await function(transaction)
                 except Exception as error:  # it is decided on consistent data

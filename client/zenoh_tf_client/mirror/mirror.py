@@ -180,11 +180,8 @@ class Mirror(MirrorCopy):
             ``m.run_transaction(lift)``
         """
         raise_if_forked()
-        attempt = 0
 
-        def begin() -> Transaction:
-            nonlocal attempt
-            attempt += 1
+        def begin(attempt: int) -> Transaction:
             return MirrorTransaction(self._connection, self._reads, self, attempt)
 
         return repeat(begin, function, attempts)
