@@ -44,16 +44,11 @@ class Introspection:
 
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
-        frames = self._ancestors(target, source, stamp_ns)
+        frames = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
+        if type(frames) is AskServer:
+            frames = self._reads.ask(frames, info.ancestors(target, source, stamp_ns))
         names = [] if explaining.is_connected(target, source, frames) else self.frames()
         return explaining.explain(target, source, stamp_ns, frames, names)
-
-    def _ancestors(self, target: str, source: str, stamp_ns: int | None) -> list[FrameInfo]:
-        """The frames from both up to their roots, read at one instant."""
-        found = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, info.ancestors(target, source, stamp_ns))
 
     def authorities(self) -> list[AuthorityInfo]:
         """As `TransformTree.authorities`."""

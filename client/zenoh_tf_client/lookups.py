@@ -173,11 +173,9 @@ class Lookups:
         reference_point_frame: str | None = None,
     ) -> Velocity:
         """As `TransformTree.lookup_velocity`."""
+        window = tracking_frame, observation_frame, stamp_ns, averaging_interval_s
         found = self._tree.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_ns,
-            averaging_interval_s,
+            *window,
             reference_frame=reference_frame,
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
@@ -185,10 +183,7 @@ class Lookups:
         if type(found) is not AskServer:
             return found
         request = lookups.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_ns,
-            averaging_interval_s,
+            *window,
             reference_frame=reference_frame,
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,

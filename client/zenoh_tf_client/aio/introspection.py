@@ -42,16 +42,11 @@ class AsyncIntrospection:
 
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
-        frames = await self._ancestors(target, source, stamp_ns)
+        frames = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
+        if type(frames) is AskServer:
+            frames = await self._reads.ask(frames, info.ancestors(target, source, stamp_ns))
         names = [] if explaining.is_connected(target, source, frames) else await self.frames()
         return explaining.explain(target, source, stamp_ns, frames, names)
-
-    async def _ancestors(self, target: str, source: str, stamp_ns: int | None) -> list[FrameInfo]:
-        """The frames from both up to their roots, read at one instant."""
-        found = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(found, info.ancestors(target, source, stamp_ns))
 
     async def authorities(self) -> list[AuthorityInfo]:
         """As `TransformTree.authorities`."""

@@ -175,11 +175,9 @@ class AsyncLookups:
         reference_point_frame: str | None = None,
     ) -> Velocity:
         """As `TransformTree.lookup_velocity`."""
+        window = tracking_frame, observation_frame, stamp_ns, averaging_interval_s
         found = self._tree.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_ns,
-            averaging_interval_s,
+            *window,
             reference_frame=reference_frame,
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
@@ -187,10 +185,7 @@ class AsyncLookups:
         if type(found) is not AskServer:
             return found
         request = lookups.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_ns,
-            averaging_interval_s,
+            *window,
             reference_frame=reference_frame,
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
