@@ -26,6 +26,7 @@ from types import TracebackType
 
 import zenoh
 
+from zenoh_tf import threads
 from zenoh_tf.errors import ServerUnavailable
 
 #: How long the exit handler waits for calls to return before it gives up: a session that the
@@ -133,9 +134,7 @@ class SessionCalls:
             return
         # Zenoh retries for 10 s if the server does not accept what is still to be sent.
         # Another thread waits for that, because it cannot be interrupted.
-        closing = threading.Thread(target=self._close, name="close session", daemon=True)
-        closing.start()
-        closing.join(_CLOSE_TIMEOUT_S)
+        threads.join(threads.start("close session", self._close), timeout_s=_CLOSE_TIMEOUT_S)
 
     def _close(self) -> None:
         try:

@@ -8,7 +8,6 @@ thread of a caller that was interrupted ends with its attempt, and a program tha
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, InvalidStateError
@@ -16,7 +15,7 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import wire
+from zenoh_tf import threads, wire
 from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
@@ -101,9 +100,8 @@ def try_session(
     )
     limit_heaps()  # before the session's threads start
     opened: Future[zenoh.Session] = Future()
-    thread = threading.Thread(target=_open, args=(config, opened), name="open session", daemon=True)
     with OPENING:  # in this thread: the error of a forked process needs no other
-        thread.start()
+        threads.start("open session", _open, config, opened)
     try:
         return opened.result()
     except BaseException:

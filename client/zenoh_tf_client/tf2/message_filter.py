@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Any, Final, Self
 
+from zenoh_tf import threads
 from zenoh_tf.errors import (
     InvalidArgumentException,
     LimitExceeded,
@@ -126,8 +127,7 @@ class TransformFilter:
         self._closed = False
         self._counts = dict.fromkeys(("received", "passed", "callback_errors"), 0)
         self._counts |= {reason.name.lower(): 0 for reason in FilterFailureReason}
-        self._thread = threading.Thread(target=self._call_back, name="tf2 filter", daemon=True)
-        self._thread.start()
+        self._thread = threads.start("tf2 filter", self._call_back)
         if input_filter is not None:
             self.connectInput(input_filter)
 
