@@ -41,69 +41,58 @@ def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None =
     Raises:
         OSError: The file cannot be written.
     """
-    panels = _Panels(histories)
     estimates = [h.estimates for h in histories if h.estimates is not None]
     positions = [h.poses[:, :3] for h in histories]
-    panels.add("position [m]", _TALL, positions, _AXES, bands=[*map(_band, estimates)])
     angles = [np.degrees(_angles(h.poses[:, 3:])) for h in histories]
-    panels.add("rotation [deg]", _TALL, angles, _ANGLES)
+    panels = [
+        _Panel("position [m]", _TALL, positions, _AXES, bands=[*map(_band, estimates)]),
+        _Panel("rotation [deg]", _TALL, angles, _ANGLES),
+    ]
     velocities = [h.velocities for h in histories if h.velocities is not None]
     if velocities:
-        panels.add("velocity [m/s]", _TALL, [v[:, :3] for v in velocities], _AXES)
-        panels.add("velocity [deg/s]", _TALL, [np.degrees(v[:, 3:]) for v in velocities], _AXES)
+        turns = [np.degrees(v[:, 3:]) for v in velocities]
+        panels.append(_Panel("velocity [m/s]", _TALL, [v[:, :3] for v in velocities], _AXES))
+        panels.append(_Panel("velocity [deg/s]", _TALL, turns, _AXES))
     if error is not None:
-        panels.add("error [m]", _LOW, [_metres(error)], from_zero=True)
-        panels.add("error [deg]", _LOW, [_degrees(error)], from_zero=True)
+        panels.append(_Panel("error [m]", _LOW, [_metres(error)], from_zero=True))
+        panels.append(_Panel("error [deg]", _LOW, [_degrees(error)], from_zero=True))
     if estimates:
         for label, of in (("estimate off by [m]", _metres), ("estimate off by [deg]", _degrees)):
             bands = [(np.zeros(len(e.poses)), of(e.bounds)) for e in estimates]
             errors = [of(e.errors) for e in estimates]
-            panels.add(label, _LOW, errors, bands=bands, from_zero=True)
-    panels.add("age [s]", _LOW, [h.ages_s for h in histories], from_zero=True)
+            panels.append(_Panel(label, _LOW, errors, bands=bands, from_zero=True))
+    panels.append(_Panel("age [s]", _LOW, [h.ages_s for h in histories], from_zero=True))
     # Names are no formulas, whatever characters they have.
     with mpl.rc_context({"text.usetex": False, "text.parse_math": False}):
-        panels.draw().savefig(path, dpi=110)
+        _Panels(histories, panels).draw().savefig(path, dpi=110)
 
 
 class _Panel(NamedTuple):
-    """The arguments of `_Panels.add`."""
+    """What one panel has.
+
+    Attributes:
+        label: Of its axis, with the unit.
+        inches: Its height.
+        columns: For each pair (n, k) values, or (n,) with one label.
+        labels: k names and colours; a line without a name is not in the legend.
+        bands: For each pair the bounds of an estimate, lower and upper, as the values.
+        from_zero: Whether the axis has the 0.
+    """
 
     label: str
     inches: float
     columns: list[Any]
-    labels: tuple[tuple[str, str], ...]
-    bands: list[tuple[Any, Any]]
-    from_zero: bool
+    labels: tuple[tuple[str, str], ...] = (("", _GREY),)
+    bands: Sequence[tuple[Any, Any]] = ()
+    from_zero: bool = False
 
 
 class _Panels:
     """Panels below each other, each with the lines of all pairs."""
 
-    def __init__(self, histories: Sequence[PairHistory]) -> None:
+    def __init__(self, histories: Sequence[PairHistory], panels: Sequence[_Panel]) -> None:
         self._histories = histories
-        self._panels: list[_Panel] = []
-
-    def add(
-        self,
-        label: str,
-        inches: float,
-        columns: list[Any],
-        labels: tuple[tuple[str, str], ...] = (("", _GREY),),
-        *,
-        bands: list[tuple[Any, Any]] | None = None,
-        from_zero: bool = False,
-    ) -> None:
-        """Add a panel.
-
-        Args:
-            label: Of its axis, with the unit.
-            inches: Its height.
-            columns: For each pair (n, k) values, or (n,) with one label.
-            labels: k names and colours; a line without a name is not in the legend.
-            bands: For each pair the bounds of an estimate, lower and upper, as the values.
-            from_zero: Whether the axis has the 0.
-        """
-        self._panels.append(_Panel(label, inches, columns, labels, bands or [], from_zero))
+        self._panels = panels
 
     def draw(self) -> Figure:
         """The figure."""
