@@ -302,14 +302,13 @@ def test_10000_items_of_an_embedded_tree() -> None:
     run_many(tree, tree, 10_000)
 
 
-def test_10000_items_of_a_client(start_server: StartServer) -> None:
-    server = start_server()
+def test_10000_items_of_a_client(server: ServerProcess) -> None:
     with server.connect() as writer, server.connect() as reader:
         run_many(writer, reader, 10_000)
 
 
-def test_a_mirror_and_shared_memory(start_sharing: StartServer) -> None:
-    with start_sharing().connect(reads="shared") as client:
+def test_a_mirror_and_shared_memory(server: ServerProcess) -> None:
+    with server.connect(reads="shared") as client:
         client.set_transforms_xact([at(100), at(200)])
         with client.mirror() as mirror:
             mirror.wait_for()

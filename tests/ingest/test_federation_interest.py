@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import StartServer
+from tests.processes.servers import ServerProcess
 from tests.support.small_robot import link
 from tests.support.waiting import wait_until
 from zenoh_tf_client import TransformClient
@@ -40,8 +41,9 @@ def stats(tf: TransformClient, field: str) -> float:
     return float(tf.stats()[f"robot_{field}/r"])
 
 
-def test_only_the_paths_between_the_named_frames_are_taken(start_server: StartServer) -> None:
-    server = start_server()
+def test_only_the_paths_between_the_named_frames_are_taken(
+    server: ServerProcess, start_server: StartServer
+) -> None:
     with server.connect() as robot:
         build(robot)
         for stamp in range(2, 6):
@@ -79,8 +81,7 @@ def test_only_the_paths_between_the_named_frames_are_taken(start_server: StartSe
             assert tf.frame("r/gripper").parent == "r/camera"
 
 
-def test_a_rate_thins_what_comes(start_server: StartServer) -> None:
-    server = start_server()
+def test_a_rate_thins_what_comes(server: ServerProcess, start_server: StartServer) -> None:
     with server.connect() as robot:
         build(robot)
         site = start_server(
@@ -101,8 +102,7 @@ def test_a_rate_thins_what_comes(start_server: StartServer) -> None:
             assert stats(tf, "connected") == 1
 
 
-def test_all_frames_can_be_thinned(start_server: StartServer) -> None:
-    server = start_server()
+def test_all_frames_can_be_thinned(server: ServerProcess, start_server: StartServer) -> None:
     with server.connect() as robot:
         build(robot)
         site = start_server("--mirror-of", f"r={server.endpoint},rate=20")

@@ -128,8 +128,8 @@ def test_plain_against_tls(by_user: ServerProcess) -> None:
     unavailable(plain, Credentials(), f"speaks TLS: connect to {by_user.endpoint}")
 
 
-def test_tls_against_plain(start_server: StartServer, files: Files) -> None:
-    plain = start_server().endpoint
+def test_tls_against_plain(server: ServerProcess, files: Files) -> None:
+    plain = server.endpoint
     secure = plain.replace("tcp/", "tls/")
     unavailable(secure, Credentials(ca=files.ca), f"does not speak TLS: connect to {plain}")
 

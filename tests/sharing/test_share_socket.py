@@ -344,6 +344,6 @@ def test_a_newer_servers_fields_are_ignored() -> None:
     assert offer == handover.Offer("h", "/s")
 
 
-def test_a_client_may_be_made_without_a_choice(start_sharing: StartServer) -> None:
-    with start_sharing().connect() as first, TransformClient(first._connection) as tf:
+def test_a_client_may_be_made_without_a_choice(server: ServerProcess) -> None:
+    with server.connect() as first, TransformClient(first._connection) as tf:
         assert tf.reads == "shared"

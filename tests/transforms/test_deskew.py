@@ -285,8 +285,8 @@ def test_all_poses_are_of_one_state() -> None:
 
 
 @pytest.fixture
-def shared(start_sharing: StartServer) -> Iterator[TransformClient]:
-    with start_sharing().connect(reads="shared") as client:
+def shared(server: ServerProcess) -> Iterator[TransformClient]:
+    with server.connect(reads="shared") as client:
         assert client.reads == "shared"
         yield client
 
