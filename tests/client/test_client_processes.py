@@ -11,10 +11,9 @@ from contextlib import ExitStack
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes import forks
+from tests.processes import forks, torn
 from tests.processes.line_process import LineProcess
 from tests.processes.servers import ServerProcess
-from tests.support import torn
 from tests.support.runs import CONTROLS
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient

@@ -12,7 +12,7 @@ import socket
 import threading
 import time
 
-from tests.support import torn
+from tests.processes import torn
 from zenoh_tf import StampedTransform, Transform, TransformTree
 
 RENEW_S, LEASE_S = 0.05, 0.25

@@ -104,7 +104,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("conformance", "tests/conformance/test_e_time.py", "test_E02_", "test_E03_", "row E02"),
     (
         "clocks",
-        "tests/support/torn.py",
+        "tests/processes/torn.py",
         r"\Z",
         "assert time.monotonic() - begin < 5\n",
         "compare counts",

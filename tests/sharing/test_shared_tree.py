@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.processes import forks
-from tests.support import torn
+from tests.processes import forks, torn
 from tests.support.waiting import wait_until
 from zenoh_tf import (
     StampedTransform,

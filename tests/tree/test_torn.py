@@ -15,8 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes import forks
-from tests.support import torn
+from tests.processes import forks, torn
 from tests.support.runs import FRAME_LOCKS
 
 SECONDS = float(os.environ.get("ZTF_TORN_SECONDS", "3"))
