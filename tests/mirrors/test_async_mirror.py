@@ -15,57 +15,11 @@ from tests.support.waiting import wait_until
 from zenoh_tf.errors import (
     ExtrapolationException,
     InvalidArgumentException,
-    ServerUnavailable,
     TimeoutException,
 )
-from zenoh_tf_client import (
-    AsyncMirror,
-    AsyncTransaction,
-    Mirror,
-    OutsideInterest,
-    Receipt,
-)
+from zenoh_tf_client import AsyncMirror, Mirror, OutsideInterest, Receipt
 
 DEADLINE_S = 30.0
-
-
-async def test_lookups_and_own_writes(server: ServerProcess) -> None:
-    async with await connected(server) as tf:
-        await tf.set_transform(stamped("base", 1, 5))
-        async with await tf.mirror() as m:
-            assert await m.lookup_transform("map", "base") == await tf.lookup_transform(
-                "map", "base"
-            )
-            latest = await tf.lookup_latest_transform("map", "base")
-            assert await m.lookup_latest_transform("map", "base") == latest
-            for stamp in range(2, 20):
-                await tf.set_transform(stamped("base", stamp))
-                await m.wait_for()
-                assert (await m.lookup_transform("map", "base")).stamp_ns == stamp
-            assert m.instance == await tf.instance
-            with pytest.raises(TimeoutException):
-                await m.wait_for(Receipt(m.instance, m.seq + 1000), timeout_s=0.1)
-        with pytest.raises(ServerUnavailable):
-            m.frames()
-
-
-async def test_transactions_lose_no_update(server: ServerProcess) -> None:
-    async def step(tx: AsyncTransaction) -> None:
-        found = await tx.lookup_latest_transform_xact("map", "a")
-        x = found.transform.translation[0] + 1
-        tx.set_transform(stamped("a", found.stamp_ns + 1, x))
-
-    async with await connected(server) as tf:
-        await tf.set_transform(stamped("a", 1))
-
-        async def increment(m: AsyncMirror) -> None:
-            for _ in range(20):
-                await m.run_transaction(step, attempts=1000)
-
-        mirrors = [await tf.mirror(), await tf.mirror([("map", "a")], max_delay_s=0)]
-        await asyncio.gather(*map(increment, [*mirrors, await tf.mirror(max_rate_hz=50)]))
-        found = await tf.lookup_transform("map", "a")
-        assert found.transform.translation[0] == 60
 
 
 async def test_the_loop_goes_on_while_a_mirror_begins_and_waits(server: ServerProcess) -> None:

@@ -8,6 +8,7 @@ import pickle
 import threading
 import time
 import weakref
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,8 +35,10 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import Mirror, Receipt, Transaction, TransformClient
 
 DEADLINE_S = 30.0
+either_client = pytest.mark.usefixtures("either_client")
 
 
+@either_client
 def test_every_lookup_is_the_servers(client: TransformClient) -> None:
     for stamp in range(1, 11):
         client.set_transforms_xact(
@@ -81,6 +84,7 @@ def test_every_lookup_is_the_servers(client: TransformClient) -> None:
         assert m.instance in repr(m)
 
 
+@either_client
 def test_a_lookup_waits_for_a_write(client: TransformClient) -> None:
     with client.mirror() as m:
         later = threading.Timer(0.2, client.set_transform, [stamped("base", 1, 5)])
@@ -90,6 +94,7 @@ def test_a_lookup_waits_for_a_write(client: TransformClient) -> None:
         later.join()
 
 
+@either_client
 def test_own_writes_are_read(client: TransformClient) -> None:
     with client.mirror() as m:
         for stamp in range(1, 200):
@@ -108,6 +113,7 @@ def test_own_writes_are_read(client: TransformClient) -> None:
         assert m.parent("base") is None
 
 
+@either_client
 def test_a_receipt_of_another_process(server: ServerProcess, client: TransformClient) -> None:
     with server.connect() as other, other.mirror() as m:
         assert client.last_receipt is None
@@ -172,13 +178,16 @@ def test_a_state_that_is_too_old_is_not_read(
         assert m.lookup_latest_transform(*pair).stamp_ns == 2
 
 
+@either_client
 def test_transactions_lose_no_update(server: ServerProcess, client: TransformClient) -> None:
     """Several mirrors increment one value; each conflict is found by the server."""
     client.set_transforms_xact([stamped("a", 1), stamped("b", 1)])
-    threads, rounds = 3, 40
+    pairs = [("map", "a"), ("map", "b")]
+    kinds: list[dict[str, Any]] = [{}, {"pairs": pairs, "max_delay_s": 0}, {"max_rate_hz": 50}]
+    rounds = 40
 
-    def increment() -> None:
-        with server.connect(20) as tf, tf.mirror() as m:
+    def increment(kind: dict[str, Any]) -> None:
+        with server.connect(20) as tf, tf.mirror(**kind) as m:
             for _ in range(rounds):
                 m.run_transaction(step, attempts=1000)
 
@@ -191,10 +200,11 @@ def test_transactions_lose_no_update(server: ServerProcess, client: TransformCli
         tx.set_transform(stamped("a", stamp, x))
         tx.set_transform(stamped("b", stamp, x))
 
-    together(*threads * [increment])
-    assert client.lookup_transform("map", "b").transform.translation[0] == threads * rounds
+    together(*(partial(increment, kind) for kind in kinds))
+    assert client.lookup_transform("map", "b").transform.translation[0] == len(kinds) * rounds
 
 
+@either_client
 def test_a_transaction_that_only_reads_is_not_stale(
     server: ServerProcess, client: TransformClient
 ) -> None:
@@ -241,6 +251,7 @@ def test_one_round_trip_for_a_transaction(
         assert [key for key in asked if not key.endswith("/hello")] == ["tf/v1/main/commit"]
 
 
+@either_client
 def test_a_closed_mirror(server: ServerProcess) -> None:
     tf = server.connect()
     m = tf.mirror()
@@ -273,6 +284,7 @@ def test_mirrors_leave_nothing_behind(client: TransformClient) -> None:
     wait_until(lambda: threading.active_count() <= threads, "threads are left")
 
 
+@either_client
 def test_several_mirrors_of_one_client(client: TransformClient) -> None:
     with client.mirror() as one, client.mirror() as two:
         client.set_transform(stamped("base", 1))

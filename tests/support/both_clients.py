@@ -14,6 +14,7 @@ from typing import Any, Self
 from zenoh_tf_client import (
     AsyncBatch,
     AsyncBroadcaster,
+    AsyncMirror,
     AsyncTransaction,
     AsyncTransformClient,
 )
@@ -77,7 +78,7 @@ class Blocking:
     def _shown(self, value: Any) -> Any:
         if inspect.isawaitable(value):
             value = self._thread.run(value)
-        if isinstance(value, AsyncBatch | AsyncBroadcaster | AsyncTransaction):
+        if isinstance(value, AsyncBatch | AsyncBroadcaster | AsyncMirror | AsyncTransaction):
             return Blocking(value, self._thread)
         if inspect.ismethod(value):
             return lambda *arguments, **more: self._shown(value(*arguments, **more))
