@@ -21,7 +21,7 @@ import zenoh
 
 from tests.support import messages
 from zenoh_tf._net import handover, keys
-from zenoh_tf._net.local_requests import CLIENT, REPLY, REQUEST
+from zenoh_tf._net.handover import CLIENT, REPLY, REQUEST
 
 
 def ready() -> None:

@@ -17,7 +17,7 @@ from tests.support import messages
 from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import handover
-from zenoh_tf._net.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST
+from zenoh_tf._net.handover import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST
 from zenoh_tf.errors import ServerBusy
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits

@@ -25,7 +25,7 @@ from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import handover, keys
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf._net.local_requests import MAX_REQUEST_BYTES, REQUEST
+from zenoh_tf._net.handover import MAX_REQUEST_BYTES, REQUEST
 from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf_client import TransformClient

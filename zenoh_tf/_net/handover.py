@@ -1,8 +1,9 @@
 """How a server hands its shared tree over to clients of the same host, through a Unix socket.
 
 A client connects, and the server sends one message with the file descriptor of its region. A client
-that wants nothing else closes the connection. Else it sends requests (`local_requests`), if the
-server's offer says so. docs/reference/protocol.md describes both.
+that wants nothing else closes the connection. Else it sends its id, then a request, and the next
+one after the reply, if the server's offer says so: the messages that Zenoh would carry, each behind
+a header. docs/reference/protocol.md describes both.
 
 Internal: for `zenoh_tf_server`, which sends, and `zenoh_tf_client`, which receives.
 """
@@ -32,6 +33,23 @@ _MAX_BYTES: Final = 1 << 16
 MAX_PATH_BYTES: Final = 108
 _RETRY_S: Final = 0.005
 _CLOSE_ON_EXEC: Final = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
+
+# --- requests
+
+#: Before each request: the length of its message, and its type, filled up with zero bytes.
+REQUEST: Final = struct.Struct("<I8s")
+#: Before each reply: the length of its message. 0: the client has to ask over Zenoh.
+REPLY: Final = struct.Struct("<I")
+#: In place of a type in the first request, which has no reply: its message is the client's id.
+CLIENT: Final = b"client\0\0"
+#: The requests that a server accepts. The others are rare, or do work for long.
+REQUEST_TYPES: Final = {
+    name.encode().ljust(8, b"\0"): name for name in ("lookup", "commit", "batch")
+}
+#: Longest request and reply. What is longer takes milliseconds to serve, so it may as well go over
+#: Zenoh, where what waits is bounded in bytes.
+MAX_REQUEST_BYTES: Final = 1 << 16
+MAX_REPLY_BYTES: Final = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)

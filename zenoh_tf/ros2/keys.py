@@ -96,14 +96,10 @@ class Publisher:
     is_latched: bool  # it declares to keep messages for late subscribers (transient-local)
 
 
-def rmw_data(topic: str, kind: MessageType) -> str:
-    """The key expression of a topic in any domain and namespace, of any version of ROS 2."""
-    return f"**/{topic}/{kind.chunk}/*"
-
-
-def bridge_data(topic: str) -> str:
-    """The key expression of a topic behind bridges, in any namespace."""
-    return f"**/{topic}"
+def data(topic: str, kind: MessageType) -> tuple[str, str]:
+    """The key expressions of a topic in any domain and namespace: of rmw_zenoh, of any version of
+    ROS 2, and behind bridges."""
+    return f"**/{topic}/{kind.chunk}/*", f"**/{topic}"
 
 
 def rmw_key(topic: Topic, kind: MessageType, hash_: str) -> str:
@@ -138,14 +134,13 @@ def _rmw_topic(chunks: list[str]) -> Topic | None:
 # --- liveliness tokens
 
 
-def rmw_publishers(kind: MessageType) -> str:
-    """The key expression of the tokens of all publishers of a type."""
-    return f"**/{_RMW_TOKEN}/*/*/*/*/MP/*/*/*/*/{kind.chunk}/**"
-
-
-def bridge_publishers(kind: MessageType) -> str:
-    """The key expression of the tokens of all topics of a type that bridges publish."""
-    return f"{_BRIDGE_TOKEN}/*/{_RMW_TOKEN}/MP/*/{kind.bridge_chunk}/*"
+def publishers(kind: MessageType) -> tuple[str, str]:
+    """The key expressions of the tokens of all publishers of a type: of rmw_zenoh, and of all
+    topics that bridges publish."""
+    return (
+        f"**/{_RMW_TOKEN}/*/*/*/*/MP/*/*/*/*/{kind.chunk}/**",
+        f"{_BRIDGE_TOKEN}/*/{_RMW_TOKEN}/MP/*/{kind.bridge_chunk}/*",
+    )
 
 
 def histories(data: str) -> str:

@@ -117,7 +117,7 @@ class TopicListener:
         self._receive = receive
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._threads: list[threading.Thread] = []
-        for data in (keys.rmw_data(topic, kind), keys.bridge_data(topic)):
+        for data in keys.data(topic, kind):
             channel: FifoChannel[zenoh.Sample] = FifoChannel(_CHANNEL)
             subscriber = session.declare_subscriber(
                 # What this session publishes itself must not come back.

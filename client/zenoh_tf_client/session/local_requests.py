@@ -21,7 +21,7 @@ import zenoh
 
 from zenoh_tf import wire
 from zenoh_tf._net import handover, keys
-from zenoh_tf._net.local_requests import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST, REQUEST_TYPES
+from zenoh_tf._net.handover import CLIENT, MAX_REQUEST_BYTES, REPLY, REQUEST, REQUEST_TYPES
 from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import TransformException
 from zenoh_tf.shared_tree import RegionRefused

@@ -114,7 +114,7 @@ class Histories:
     def start(self) -> None:
         """Begin to ask, and to receive the replies."""
         self._thread = threads.start("ros2-histories", self._loop.run_forever)
-        for data in (keys.rmw_data(TOPIC, TF_MESSAGE), keys.bridge_data(TOPIC)):
+        for data in keys.data(TOPIC, TF_MESSAGE):
             subscriber = self._session.liveliness().declare_subscriber(
                 keys.histories(data), self._token_changed, history=True
             )

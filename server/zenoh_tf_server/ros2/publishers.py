@@ -97,7 +97,7 @@ class Publishers:
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._own_zid = str(session.info.zid())
-        for tokens in (keys.rmw_publishers(TF_MESSAGE), keys.bridge_publishers(TF_MESSAGE)):
+        for tokens in keys.publishers(TF_MESSAGE):
             subscriber = session.liveliness().declare_subscriber(
                 tokens, self._token_changed, history=True
             )

@@ -23,7 +23,7 @@ import time
 from typing import Final
 
 from zenoh_tf import threads
-from zenoh_tf._net.local_requests import (
+from zenoh_tf._net.handover import (
     CLIENT,
     MAX_REPLY_BYTES,
     MAX_REQUEST_BYTES,
