@@ -63,7 +63,7 @@ def parse_arguments(
     if options.config is None:
         return options
     path = Path(options.config)
-    given, rules = read(parser, path)
+    given = read(parser, path)
     on_line = _given(parser, arguments)
     if "listen" in on_line or "connect" in on_line:
         given = {dest: value for dest, value in given.items() if dest not in ("listen", "connect")}
@@ -73,7 +73,6 @@ def parse_arguments(
             setattr(options, dest, value)
     if options.listen and options.connect:
         raise InvalidArgumentException(f"{path}: connect and listen exclude each other")
-    options.access = rules
     return options
 
 
@@ -90,10 +89,8 @@ def _given(parser: argparse.ArgumentParser, arguments: Sequence[str] | None) -> 
             action.default = default
 
 
-def read(
-    parser: argparse.ArgumentParser, path: Path
-) -> tuple[dict[str, Any], tuple[AccessRule, ...]]:
-    """The flags in a file, by `dest`, with the limits of motion, and its access rules.
+def read(parser: argparse.ArgumentParser, path: Path) -> dict[str, Any]:
+    """The flags in a file, by `dest`, with the limits of motion and the access rules.
 
     Raises:
         InvalidArgumentException: The file is wrong.
@@ -106,10 +103,12 @@ def read(
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidArgumentException(f"{path} is not TOML: {error}") from error
     try:
-        rules = _rules(document.pop(_ACCESS, []))
-        limits = _limits(document.pop(_LIMITS, {}))
-        others = {"limit": limits, "motion_limits": motion_limits.parse(document.pop(_MOTION, {}))}
-        return _flags(_actions(parser), document, path.parent) | others, rules
+        others = {
+            "access": _rules(document.pop(_ACCESS, [])),
+            "limit": _limits(document.pop(_LIMITS, {})),
+            "motion_limits": motion_limits.parse(document.pop(_MOTION, {})),
+        }
+        return _flags(_actions(parser), document, path.parent) | others
     except InvalidArgumentException as error:
         raise InvalidArgumentException(f"{path}: {error}", field="config") from error
 

@@ -121,7 +121,8 @@ class Robot:
     # --- on the pool's thread
 
     async def _connect(self) -> None:
-        run, is_first, pause_s = self._runs, True, _PAUSE_S
+        run, is_first = self._runs, True
+        pauses = threads.pauses(_PAUSE_S, _LONGEST_PAUSE_S)
         while run == self._runs:
             try:
                 session = await self._pool.block(
@@ -136,8 +137,7 @@ class Robot:
                 if is_first:
                     await self._pool.block(self._warn)
                 is_first = False
-                await asyncio.sleep(pause_s)
-                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+                await asyncio.sleep(next(pauses))
                 continue
             try:
                 await self._listen(session, is_own=True)

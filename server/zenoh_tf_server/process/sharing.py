@@ -225,14 +225,11 @@ class Sharing:
         failure: OSError | None = None
         for folder in folders:
             try:
-                try:
-                    folder.mkdir(mode=0o700)
-                except FileExistsError:
-                    pass
-                else:
-                    if settings.group is not None:
-                        shutil.chown(folder, group=settings.group)
-                        folder.chmod(0o750)
+                is_new = not folder.exists()
+                folder.mkdir(mode=0o700, exist_ok=True)
+                if is_new and settings.group is not None:
+                    shutil.chown(folder, group=settings.group)
+                    folder.chmod(0o750)
                 check_folder(folder, {os.geteuid()})
                 if os.access(folder, os.W_OK | os.X_OK):
                     return folder.absolute()

@@ -18,7 +18,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -60,7 +60,10 @@ class _Keeper:
     had_token: bool = False
     #: By their tokens: those that declare to keep messages.
     declared: dict[str, Publisher] = field(default_factory=dict)
-    retry_s: float = _RETRY_S
+    #: Before it is asked again if it has not answered.
+    pauses: Iterator[float] = field(
+        default_factory=lambda: threads.pauses(_RETRY_S, _LONGEST_RETRY_S)
+    )
     asking: int = 0  # queries under way
     is_due: bool = False  # it is to be asked again at some time
     failed: bool = False  # the last query
@@ -262,8 +265,7 @@ class Histories:
             keeper.answered |= question.answered
             if question.failed:
                 self.failures += 1
-                self._ask_later(keeper, keeper.retry_s)
-                keeper.retry_s = min(2 * keeper.retry_s, _LONGEST_RETRY_S)
+                self._ask_later(keeper, next(keeper.pauses))
             elif question.is_check or keeper.answered:
                 keeper.is_silent = not keeper.answered
             is_new = keeper.is_silent and not keeper.was_reported
