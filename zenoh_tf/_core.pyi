@@ -5,7 +5,7 @@ too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, 
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,9 @@ from zenoh_tf._core_stubs.columns import decode_puts as decode_puts
 from zenoh_tf._core_stubs.columns import decode_tf_message as decode_tf_message
 from zenoh_tf._core_stubs.columns import decode_tf_messages as decode_tf_messages
 from zenoh_tf._core_stubs.estimates import Estimate as Estimate
-from zenoh_tf._core_stubs.estimates import Estimates as _Estimates
 from zenoh_tf._core_stubs.points import deskew_by_samples as deskew_by_samples
 from zenoh_tf._core_stubs.points import map_rows as map_rows
+from zenoh_tf._core_stubs.reads import Reads as _Reads
 from zenoh_tf._core_stubs.shared import LAYOUT as LAYOUT
 from zenoh_tf._core_stubs.shared import AskServer as AskServer
 from zenoh_tf._core_stubs.shared import LeaseKeeper as LeaseKeeper
@@ -65,7 +65,7 @@ class Budget:
     @property
     def listed_left(self) -> int: ...
 
-class Tree(_Estimates):
+class Tree(_Reads[Never]):
     """The native tree; see `zenoh_tf.TransformTree`."""
 
     def __init__(
@@ -318,31 +318,6 @@ class Tree(_Estimates):
         than the server accepts) and `time_jumps` what was.
         """
     def __repr__(self) -> str: ...  # what follows is internal to zenoh_tf and the server
-    def _velocity_record(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None,
-        averaging_interval_ns: int,
-        reference_frame: str | None,  # None: the observation frame
-        reference_point: Sequence[float] | NDArray[np.float64],
-        reference_point_frame: str | None,  # None: the tracking frame
-    ) -> dict[str, Any]: ...  # Velocity's fields
-    def _read_rows(
-        self,
-        names: Sequence[str],
-        op: NDArray[np.uint8],
-        target: NDArray[np.uint32],  # rows of names; out of range: InvalidArgumentException
-        source: NDArray[np.uint32],
-        stamp_ns: NDArray[np.int64],
-        fixed: NDArray[np.uint32] | None = None,  # OP_FULL only
-        source_stamp_ns: NDArray[np.int64] | None = None,  # OP_FULL only
-        *,
-        atomic: bool = False,  # every row in one snapshot; OP_LATEST is then as OP_LATEST_XACT
-        versions: bool = False,  # also return what was read, for a transaction
-        errors: bool = True,  # False: failed rows have only their status
-        budget: Budget | None = None,  # charged before the rows are looked up
-    ) -> Rows: ...
     def _commit_rows(
         self,
         rows: TransformRows,
@@ -369,27 +344,11 @@ class Tree(_Estimates):
     def _clear(self, keep_static: bool, expires_ns: int) -> None: ...  # expires as _commit_rows
     def _reset(self, expires_ns: int) -> None: ...
     def _remove_frame(self, name: str, subtree: bool, expires_ns: int) -> None: ...
-    def _lookup_columns(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]]: ...
-    def _deskew(  # see zenoh_tf.points
-        self,
-        points: NDArray[Any],  # float32 or float64, (rows, columns, 3), any strides
-        stamps_ns: NDArray[np.int64],  # (rows, columns)
-        out: NDArray[Any],  # as points
-        source: str,
-        fixed_frame: str,
-        at_ns: int,
-    ) -> bool: ...  # False: nothing was written, as each time has to be looked up by itself
     def _frames_page(
         self, after: int, most: int, whole: bool, budget: Budget
     ) -> tuple[list[str], Any]: ...
     def _frame_count(self) -> int: ...  # also removed ones: what a scan of all frames costs
     def _links(self, frames: Sequence[str]) -> int: ...  # from the frames up to their roots
-    def _frame_record(self, name: str) -> dict[str, Any]: ...  # FrameInfo's fields
-    def _ancestor_records(self, target: str, source: str, stamp_ns: int | None) -> Any: ...
     def _take_events(self) -> tuple[list[dict[str, Any]], int]: ...
     def _authority_records(self) -> list[dict[str, Any]]: ...  # AuthorityInfo's fields
+    def _motion_limits(self) -> dict[str, tuple[float, float, float, float, float]]: ...

@@ -1,10 +1,9 @@
-"""The native tree's methods for estimates: a stub that `_core.pyi` imports, not a module at run time."""
+"""The native tree's estimates: a stub that `_core.pyi` imports, not a module at run time."""
 
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from zenoh_tf._core_stubs.transform import Transform
 
@@ -88,45 +87,3 @@ class Estimate:
     def predictor(self) -> dict[str, str]: ...
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...
-
-class Estimates:
-    def _estimate(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,  # None: now_ns
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> Estimate: ...
-    def _estimate_record(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,  # None: now_ns
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> dict[str, Any]: ...  # Estimate's fields
-    def _estimate_columns(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,  # None: now_ns
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> EstimateColumns: ...
-    def _set_motion_limits(  # inf: none
-        self,
-        child: str,
-        speed: float,
-        accel: float,
-        rate: float,
-        rate_accel: float,
-        clock_error: float,
-    ) -> None: ...
-    def _motion_limits(self) -> dict[str, tuple[float, float, float, float, float]]: ...

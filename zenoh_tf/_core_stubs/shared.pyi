@@ -2,14 +2,11 @@
 
 import enum
 from collections.abc import Sequence
-from typing import Any, Literal, final
+from typing import Literal, final
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from zenoh_tf._core import Budget, Tree
-from zenoh_tf._core_stubs.estimates import Estimate, EstimateColumns
-from zenoh_tf._core_stubs.transform import LatestTransform, Rows, StampedTransform
+from zenoh_tf._core import Tree
+from zenoh_tf._core_stubs.reads import Reads
+from zenoh_tf._core_stubs.transform import LatestTransform, StampedTransform
 
 LAYOUT: tuple[int, int]  # version and hash of the layout that this build writes and reads
 
@@ -31,7 +28,7 @@ class AskServer(enum.Enum):
     UNREADABLE = ...
     ABSENT = ...
 
-class SharedTree:
+class SharedTree(Reads[AskServer]):
     # A tree of another process; see zenoh_tf.shared_tree.
     def __init__(self, fd: int) -> None: ...  # does not keep it; RegionRefused says why not
     @property
@@ -68,86 +65,3 @@ class SharedTree:
     def chain(
         self, target: str, source: str, stamp_ns: int | None = None
     ) -> list[str] | AskServer: ...
-    def _velocity_record(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None,
-        averaging_interval_ns: int,
-        reference_frame: str | None,
-        reference_point: ArrayLike,
-        reference_point_frame: str | None,
-    ) -> dict[str, Any] | AskServer: ...
-    def _estimate_columns(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,  # None: now_ns
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> EstimateColumns | AskServer: ...
-    def _estimate(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> Estimate | AskServer: ...
-    def _estimate_record(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> dict[str, Any] | AskServer: ...
-    def _set_motion_limits(
-        self,
-        child: str,
-        speed: float,
-        accel: float,
-        rate: float,
-        rate_accel: float,
-        clock_error: float,
-    ) -> None: ...
-    def _read_rows(
-        self,
-        names: Sequence[str],
-        op: NDArray[np.uint8],
-        target: NDArray[np.uint32],
-        source: NDArray[np.uint32],
-        stamp_ns: NDArray[np.int64],
-        fixed: NDArray[np.uint32] | None = None,
-        source_stamp_ns: NDArray[np.int64] | None = None,
-        *,
-        atomic: bool = False,
-        versions: bool = False,
-        errors: bool = True,
-        budget: Budget | None = None,
-    ) -> Rows | AskServer: ...
-    def _lookup_columns(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | AskServer: ...
-    def _frame_record(self, name: str) -> dict[str, Any] | AskServer: ...
-    def _deskew(
-        self,
-        points: NDArray[Any],
-        stamps_ns: NDArray[np.int64],
-        out: NDArray[Any],
-        source: str,
-        fixed_frame: str,
-        at_ns: int,
-    ) -> bool | AskServer: ...
-    def _ancestor_records(
-        self, target: str, source: str, stamp_ns: int | None
-    ) -> list[dict[str, Any]] | AskServer: ...
