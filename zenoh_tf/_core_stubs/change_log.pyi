@@ -2,8 +2,6 @@
 run time.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,34 +38,10 @@ class ChangeReplay:
     """Makes a tree the mirror of another. One thread at a time."""
 
     def __init__(self, tree: _core.Tree) -> None: ...
-    # Apply the changes at one instant; those that the snapshot has already are left out.
-    def apply(
-        self,
-        last: int,  # the number after which the other tree was so
-        names: Sequence[str],
-        authorities: Sequence[str],
-        kind: NDArray[np.uint8],
-        frame: NDArray[np.uint32],
-        version: NDArray[np.uint64],
-        parent: NDArray[np.uint32],
-        authority: NDArray[np.uint32],
-        stamp: NDArray[np.int64],
-        pose: NDArray[np.float64],  # (n, 7)
-        lost: NDArray[np.uint32],
-    ) -> None: ...
-    def load(
-        self,
-        names: Sequence[str],
-        authorities: Sequence[str],
-        frame: NDArray[np.uint32],
-        version: NDArray[np.uint64],
-        static: NDArray[np.uint8],
-        authority: NDArray[np.uint32],
-        count: NDArray[np.uint32],
-        stamp: NDArray[np.int64],
-        parent: NDArray[np.uint32],
-        pose: NDArray[np.float64],  # (n, 7)
-    ) -> None: ...
+    # Apply the changes at one instant; those that the snapshot has already are left out. `last`:
+    # the number after which the other tree was so.
+    def apply(self, last: int, *changes: *Changes) -> None: ...
+    def load(self, *frames: *Frames) -> None: ...
     # Before the first lookup, if the snapshot's plan says so.
     def set_ever_reparented(self) -> None: ...
 
