@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -41,13 +42,16 @@ def ask(
     times_s: Array,
     levels: tuple[float, ...],
     history_s: float = HISTORY_S,
+    children: Iterable[str] = ("base",),
     **limits: float,
 ) -> dict[float, Array]:
     """Ask for each time when it is now, with what has arrived by then. The columns are the errors
-    in metres and radians, their bounds, and the level that was reached."""
+    in metres and radians, their bounds, and the level that was reached. `limits` are declared of
+    the motion of these children."""
     tree = scenario.prepare(history_s)
     if limits:
-        tree.set_motion_limits("base", **limits)
+        for child in children:
+            tree.set_motion_limits(child, **limits)
     poses, bounds = [], []
     for time_s, stamp_ns in zip(times_s, nanoseconds(times_s), strict=True):
         scenario.feed(tree, time_s)

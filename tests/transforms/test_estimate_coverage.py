@@ -88,12 +88,10 @@ def test_declared_errors_of_all_clocks_hold(name: str) -> None:
         for i, feed in enumerate(SCENARIOS[name](rng, 60.0))
     ]
 
-    def declare(tree: TransformTree) -> None:
-        for feed in feeds:
-            tree.set_motion_limits(feed.child, max_clock_error_s=0.02)
-
     times_s = np.sort(rng.uniform(15, 59, QUESTIONS))
-    check(ask(Scenario(name, feeds), times_s, (0.9,), 10.0, declare)[0.9])
+    children = [feed.child for feed in feeds]
+    declared = ask(Scenario(name, feeds), times_s, (0.9,), 10.0, children, max_clock_error_s=0.02)
+    check(declared[0.9])
 
 
 @recorded.needs_recording
