@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -42,8 +42,8 @@ def ask(
     times_s: Array,
     levels: tuple[float, ...],
     history_s: float = HISTORY_S,
+    limits: Mapping[str, float] | None = None,
     children: Iterable[str] = ("base",),
-    **limits: float,
 ) -> dict[float, Array]:
     """Ask for each time when it is now, with what has arrived by then. The columns are the errors
     in metres and radians, their bounds, and the level that was reached. `limits` are declared of
@@ -135,13 +135,13 @@ def _lose(report: Report) -> None:
             drives_s = STARTS_EVERY_S * np.ceil(times_s / STARTS_EVERY_S) - 3
             times_s = np.sort(drives_s + rng.uniform(0, 0.3, questions))
         for system, limits in SYSTEMS.items():
-            found = ask(scenario, times_s, LEVELS[:1], 10.0, **limits)[LEVELS[0]]
+            found = ask(scenario, times_s, LEVELS[:1], 10.0, limits)[LEVELS[0]]
             labels = {"scenario": name, "level": LEVELS[0], "system": system}
             report.add(labels, _judged(found))
     scenario = Scenario("a start and a stop", LOSING[AT_REST](np.random.default_rng(7), 60.0))
     times_s = np.arange(-1, 5, 2.0 if report.quick else 0.125) + 2 * STARTS_EVERY_S - 3
     for system, limits in SYSTEMS.items():
-        found = ask(scenario, times_s, LEVELS[:1], 10.0, **limits)[LEVELS[0]]
+        found = ask(scenario, times_s, LEVELS[:1], 10.0, limits)[LEVELS[0]]
         labels = {"scenario": scenario.name, "level": LEVELS[0], "system": system}
         for time_s, (error, _, bound, *_) in zip(times_s, 1e3 * found, strict=True):
             at_s = round(float(time_s) - 2 * STARTS_EVERY_S + 3, 3)

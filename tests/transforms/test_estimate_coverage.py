@@ -64,7 +64,7 @@ def test_history_does_not_know_a_start_but_declared_limits_do() -> None:
     times_s = (starts_s + np.linspace(0.1, 0.3, 20)).ravel()
     history = ask(scenario, times_s, (0.9,), 10.0)[0.9]
     assert within(history).mean() < 0.9
-    limits = ask(scenario, times_s, (0.9,), 10.0, **SYSTEMS["estimate, limits"])[0.9]
+    limits = ask(scenario, times_s, (0.9,), 10.0, SYSTEMS["estimate, limits"])[0.9]
     assert within(limits).all()
 
 
@@ -74,7 +74,7 @@ def test_history_does_not_know_a_wrong_clock_but_its_declared_error_does(clock_s
     scenario = Scenario("clock", driven(rng, 120.0, clock_s))
     times_s = np.sort(rng.uniform(15, 119, QUESTIONS))
     assert within(ask(scenario, times_s, (0.9,), 10.0)[0.9]).mean() < 0.8
-    declared = ask(scenario, times_s, (0.9,), 10.0, **SYSTEMS["estimate, clock"])[0.9]
+    declared = ask(scenario, times_s, (0.9,), 10.0, SYSTEMS["estimate, clock"])[0.9]
     check(declared)
     assert np.median(declared[:, 2]) <= 4 * np.quantile(declared[:, 0], 0.9)
 
@@ -90,7 +90,8 @@ def test_declared_errors_of_all_clocks_hold(name: str) -> None:
 
     times_s = np.sort(rng.uniform(15, 59, QUESTIONS))
     children = [feed.child for feed in feeds]
-    declared = ask(Scenario(name, feeds), times_s, (0.9,), 10.0, children, max_clock_error_s=0.02)
+    limits = {"max_clock_error_s": 0.02}
+    declared = ask(Scenario(name, feeds), times_s, (0.9,), 10.0, limits, children)
     check(declared[0.9])
 
 
