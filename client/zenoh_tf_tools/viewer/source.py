@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from zenoh_tf import Estimate, TransformArray, Velocity
+from zenoh_tf import Estimate, TransformTree
+from zenoh_tf_client.mirror.mirror import Mirror
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +39,8 @@ class Link:
         return self.age_s is not None and not 0 <= self.age_s <= after_s
 
 
-class Lookups(Protocol):
-    """The lookups that a tree and a mirror have in common."""
-
-    def lookup_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
-    ) -> TransformArray: ...
-
-    def lookup_velocity(
-        self, tracking_frame: str, observation_frame: str, stamp_ns: int | None = None
-    ) -> Velocity: ...
+#: What answers lookups.
+Lookups = TransformTree | Mirror
 
 
 class ViewedTree(Protocol):
