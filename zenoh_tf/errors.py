@@ -29,6 +29,7 @@ apply is ``None``. The classes up to the extrapolation errors are tf2's, except
 
 from __future__ import annotations
 
+import functools
 from typing import Final
 
 from .text import cut
@@ -96,13 +97,7 @@ class TransformException(Exception):
         return {name: value for name, value in vars(self).items() if name in FACTS}
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild, (type(self), str(self), self.facts)
-
-
-def _rebuild(
-    kind: type[TransformException], message: str, facts: dict[str, object]
-) -> TransformException:
-    return kind(message, **facts)
+        return functools.partial(type(self), str(self), **self.facts), ()
 
 
 class LookupException(TransformException):

@@ -37,7 +37,8 @@ def lookup_transform(
 def can_transform(
     target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
 ) -> Read[bool]:
-    return Read(columns.at(target, source, stamp_ns), _yes, timeout_s, failed=_no)
+    row = columns.at(target, source, stamp_ns)
+    return Read(row, lambda *_: True, timeout_s, failed=lambda _: False)
 
 
 def lookup_latest_transform(target: str, source: str) -> Read[LatestTransform]:
@@ -166,14 +167,6 @@ def _stamped(row: columns.Row, stamp_ns: int, _: int, pose: Transform) -> Stampe
 
 def _latest(row: columns.Row, stamp_ns: int, newest_ns: int, pose: Transform) -> LatestTransform:
     return LatestTransform(row[0], row[1], stamp_ns, pose, newest_ns)
-
-
-def _yes(*_: object) -> bool:
-    return True
-
-
-def _no(*_: object) -> bool:
-    return False
 
 
 def _time(_row: columns.Row, stamp_ns: int, *_: object) -> int | None:
