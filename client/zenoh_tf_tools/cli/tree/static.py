@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Callable
 from typing import Final, NoReturn
 
-from zenoh_tf import StampedTransform, Transform
+from zenoh_tf import StampedTransform
 from zenoh_tf.text.flag_values import angle, number
 from zenoh_tf_tools.cli.arguments import Commands, add_authority
-from zenoh_tf_tools.cli.tree.write import AUTHORITY, store
+from zenoh_tf_tools.cli.tree.write import AUTHORITY, pose_of, store
 
 _USAGE: Final = """\
 zenoh-tf static [options] X Y Z YAW PITCH ROLL PARENT CHILD
@@ -58,18 +58,12 @@ def _static(args: argparse.Namespace) -> int:
         _read_row(args)
     if args.frame_id is None or args.child_frame_id is None:
         _refuse(args, "give --frame-id and --child-frame-id, or all arguments in a row")
-    given = {unit: [getattr(args, name) for name in names] for unit, names in _UNITS.items()}
-    has_angles, has_quaternion = (
-        any(value is not None for value in given[unit]) for unit in ("rad", "quaternion")
+    position, quaternion = (
+        [getattr(args, name) for name in _UNITS[unit]] for unit in ("m", "quaternion")
     )
-    if has_quaternion and has_angles:
-        _refuse(args, "give angles or a quaternion, not both")
-    position, angles, quaternion = ([value or 0.0 for value in row] for row in given.values())
-    if has_quaternion:
-        pose = Transform(position, quaternion)
-    else:
-        roll, pitch, yaw = angles
-        pose = Transform.from_rpy(roll, pitch, yaw, translation=position)
+    is_turned = any(value is not None for value in quaternion)
+    turn = [value or 0.0 for value in quaternion] if is_turned else None
+    pose = pose_of(args, [value or 0.0 for value in position], turn)
     stamped = StampedTransform(args.frame_id, args.child_frame_id, 0, pose)
     return store(args, stamped, static=True)
 

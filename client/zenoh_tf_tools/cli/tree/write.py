@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from typing import Final
 
 from zenoh_tf import StampedTransform, Transform
@@ -89,19 +90,24 @@ def _add_set(commands: Commands) -> None:
 def _set(args: argparse.Namespace) -> int:
     if len(args.pose) not in (3, 7):
         args.usage_error(f"a pose is 3 or 7 numbers, not {len(args.pose)}")
-    angles = args.roll, args.pitch, args.yaw
     stamp_ns = time.time_ns() if args.stamp is None else args.stamp
-    if len(args.pose) == 3:
-        pose = Transform.from_rpy(
-            args.roll or 0.0, args.pitch or 0.0, args.yaw or 0.0, translation=args.pose
-        )
-    elif any(each is not None for each in angles):
-        args.usage_error("give angles or a quaternion, not both")
-    else:
-        pose = Transform(args.pose[:3], args.pose[3:])
+    pose = pose_of(args, args.pose[:3], args.pose[3:] or None)
     return store(
         args, StampedTransform(args.parent, args.child, stamp_ns, pose), static=args.static
     )
+
+
+def pose_of(
+    args: argparse.Namespace, position: Sequence[float], quaternion: Sequence[float] | None
+) -> Transform:
+    """The pose at a position, turned by a quaternion or else by the angles that are given."""
+    angles = [getattr(args, name) for name in _ANGLES]
+    if quaternion is not None:
+        if any(each is not None for each in angles):
+            args.usage_error("give angles or a quaternion, not both")
+        return Transform(position, quaternion)
+    roll, pitch, yaw = (each or 0.0 for each in angles)
+    return Transform.from_rpy(roll, pitch, yaw, translation=position)
 
 
 def store(args: argparse.Namespace, stamped: StampedTransform, *, static: bool) -> int:
