@@ -13,57 +13,15 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes.mirror_process import MirrorProcess
 from tests.processes.servers import ServerProcess
-from tests.processes.tcp_proxy import TcpProxy
 from tests.support.raw import raw
 from tests.support.small_robot import DEADLINE_S, robot, stamped
 from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys
-from zenoh_tf.errors import ProtocolError, ServerUnavailable
-from zenoh_tf_client import Mirror, TransformClient
+from zenoh_tf.errors import ProtocolError
+from zenoh_tf_client import TransformClient
 
 from .test_mirror_equal import NAMES, Traffic, wait_until_quiet
-
-
-@pytest.mark.parametrize("fault", ["cut", "hold"])
-def test_behind_a_broken_link(server: ServerProcess, client: TransformClient, fault: str) -> None:
-    robot(client, 1)
-    with (
-        TcpProxy(server.endpoint) as proxy,
-        TransformClient.connect(proxy.endpoint, timeout_s=2, reads="query") as tf,
-        tf.mirror([("map", "gripper"), ("map", "later")]) as m,
-    ):
-        stamp = 1
-        for round_ in range(2):
-            if fault == "hold":
-                proxy.hold()
-                wait_until(lambda: m.age_s > 1, "it does not age")
-            for _ in range(50):
-                stamp += 1
-                robot(client, stamp)
-            if fault == "cut":
-                proxy.cut()
-            else:
-                assert m.lookup_transform("map", "gripper").stamp_ns < stamp
-                with pytest.raises(ServerUnavailable):
-                    m.lookup_latest_transform("map", "gripper", max_age_s=0.5)
-                proxy.release()
-            robot(client, stamp := stamp + 1)
-            m.wait_for(client.last_receipt, DEADLINE_S)
-            assert_same(m, client, [("map", "gripper")], stamp)
-            client.set_transform(stamped("later", stamp, round_))
-        m.wait_for(client.last_receipt, DEADLINE_S)
-        assert_same(m, client, [("later", "gripper")], stamp)
-
-
-def assert_same(
-    m: Mirror, tf: TransformClient, pairs: list[tuple[str, str]], last_stamp: int
-) -> None:
-    stamps = np.arange(1, last_stamp + 2)
-    for pair in pairs:
-        here, there = m.sample(*pair, stamps), tf.sample(*pair, stamps)
-        assert np.array_equal(here.ok, there.ok)
-        assert np.array_equal(here.translations[here.ok], there.translations[here.ok])
 
 
 def test_a_stopped_mirror(server: ServerProcess, client: TransformClient) -> None:

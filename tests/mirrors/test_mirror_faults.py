@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from tests.conftest import StartServer
@@ -17,12 +18,15 @@ from tests.processes.tcp_proxy import TcpProxy
 from tests.support.threads import beside
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.errors import TransformException
+from zenoh_tf.errors import ServerUnavailable, TransformException
 from zenoh_tf_client import Mirror, TransformClient
 
 DEADLINE_S = 40.0
 #: The frames of the load's commits, all of which have the same stamp.
 FRAMES = [f"frame{i}" for i in range(60)]
+#: What a mirror has: those on the paths of pairs, or None for all.
+PAIRS = [("map", name) for name in FRAMES]
+Pairs = list[tuple[str, str]] | None
 
 
 def step(stamp: int) -> list[StampedTransform]:
@@ -81,28 +85,46 @@ def test_a_stopped_mirror(server: ServerProcess) -> None:
         wait_until(lambda: is_equal(server, fresh.state()["versions"]), "not equal")
 
 
-@pytest.mark.parametrize("fault", ["cut", "reset", "hold"])
-def test_a_mirror_behind_a_broken_link(server: ServerProcess, fault: str) -> None:
+@pytest.mark.parametrize(
+    ("fault", "pairs"),
+    [("cut", None), ("reset", None), ("hold", None), ("cut", PAIRS), ("hold", PAIRS)],
+    ids=["cut", "reset", "hold", "cut-pairs", "hold-pairs"],
+)
+def test_a_mirror_behind_a_broken_link(
+    server: ServerProcess, client: TransformClient, fault: str, pairs: Pairs
+) -> None:
+    pairs = pairs and [*pairs, ("map", "later")]
+    pair = ("map", FRAMES[0])
     with (
         TcpProxy(server.endpoint) as proxy,
-        load(server) as stamps,
-        TransformClient.connect(proxy.endpoint, reads="query") as tf,
-        tf.mirror() as m,
+        TransformClient.connect(proxy.endpoint, timeout_s=2, reads="query") as tf,
     ):
-        instance = m.instance
-        for _ in range(3):
-            before = check_whole(m)
-            if fault == "hold":
-                proxy.hold()
-                wait_until(lambda: m.age_s > 1, "it does not age")
-                assert check_whole(m) >= before
-                proxy.release()
-            else:
-                getattr(proxy, fault)()
-            at = stamps[-1]
-            wait_until(lambda at=at: check_whole(m) > at, "it does not continue")  # type: ignore[misc]
-            assert m.instance == instance
-        wait_until(lambda: m.age_s < 1, "it stays old")
+        with load(server) as stamps:
+            m = tf.mirror(pairs)
+            instance = m.instance
+            for round_ in range(2):
+                before = check_whole(m)
+                if fault == "hold":
+                    proxy.hold()
+                    wait_until(lambda: m.age_s > 1, "it does not age")
+                    assert check_whole(m) >= before
+                    with pytest.raises(ServerUnavailable):
+                        m.lookup_latest_transform(*pair, max_age_s=0.5)
+                    proxy.release()
+                else:
+                    getattr(proxy, fault)()
+                at = stamps[-1]
+                wait_until(lambda at=at: check_whole(m) > at, "it does not continue")  # type: ignore[misc]
+                assert m.instance == instance
+                client.set_transform(StampedTransform("map", "later", round_, Transform()))
+                m.wait_for(client.last_receipt, DEADLINE_S)
+                assert m.lookup_transform("map", "later").stamp_ns == round_
+            wait_until(lambda: m.age_s < 1, "it stays old")
+        client.set_transform(StampedTransform("map", "later", 9, Transform()))
+        m.wait_for(client.last_receipt, DEADLINE_S)
+        here, there = m.sample(*pair, stamps), client.sample(*pair, stamps)
+        assert here.status.tolist() == there.status.tolist()
+        assert np.array_equal(here.translations, there.translations, equal_nan=True)
 
 
 @pytest.mark.slow
@@ -121,8 +143,8 @@ def test_a_mirror_that_is_too_slow(start_server: StartServer) -> None:
             wait_until(lambda: is_equal(server, slow.state()["versions"]), "it does not catch up")
 
 
-@pytest.mark.parametrize("pairs", [None, [("map", name) for name in FRAMES]], ids=["all", "pairs"])
-def test_a_restarted_server(start_server: StartServer, pairs: list[tuple[str, str]] | None) -> None:
+@pytest.mark.parametrize("pairs", [None, PAIRS], ids=["all", "pairs"])
+def test_a_restarted_server(start_server: StartServer, pairs: Pairs) -> None:
     """The old state is served, with a growing age, until there is a copy of the new server's."""
     first = start_server()
     with first.connect(20) as tf, tf.mirror(pairs) as m:
