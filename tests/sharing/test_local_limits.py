@@ -26,14 +26,9 @@ from zenoh_tf_server.transport.local_requests import _Turns
 
 from .test_local_requests import connect, link, through_socket
 
-pytestmark = linux
+pytestmark = [linux, pytest.mark.own_server]
 
 LOOKUP, COMMIT = b"lookup\0\0", b"commit\0\0"
-
-
-@pytest.fixture
-def server(start_sharing: StartServer) -> ServerProcess:
-    return start_sharing()
 
 
 @pytest.fixture

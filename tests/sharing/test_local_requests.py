@@ -33,7 +33,7 @@ from zenoh_tf_client.session.connection import Connection
 from zenoh_tf_client.session.local_requests import LocalRequests
 from zenoh_tf_client.session.server_info import ServerInfo
 
-pytestmark = linux
+pytestmark = [linux, pytest.mark.own_server]
 
 
 def link(child: str = "base", stamp_ns: int = 1) -> StampedTransform:
@@ -48,11 +48,6 @@ def connect(server: ServerProcess, timeout_s: float = 5.0) -> TransformClient:
 def through_socket(tf: TransformClient) -> int:
     """How many replies the client has got through the socket."""
     return tf._connection.local.replies
-
-
-@pytest.fixture
-def server(start_sharing: StartServer) -> ServerProcess:
-    return start_sharing()
 
 
 @pytest.fixture
