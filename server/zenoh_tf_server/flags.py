@@ -21,12 +21,15 @@ from zenoh_tf.text.flag_values import duration, whole
 from . import config_file, limit_flags
 from .federation import settings as federation
 from .ingest import future_stamps
+from .ingest.future_stamps import FutureStamps
 from .monitoring import logs, monitoring
 from .process import sharing
+from .process.sharing import SharingSettings
 from .ros2 import settings as ros2
 from .security import settings as security
 from .settings import ServerSettings
 from .state import state
+from .state.state import StateSettings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 
@@ -215,11 +218,13 @@ def settings(options: argparse.Namespace) -> ServerSettings:
         time_jump=options.time_jump,
         workers=options.workers,
         limits=limit_flags.from_flags(options),
-        future=future_stamps.from_flags(options),
+        future=FutureStamps(options.max_future_s, options.future),
         security=options.security,
         metrics=options.metrics,
-        state=state.from_flags(options),
-        sharing=sharing.from_flags(options),
+        state=StateSettings(
+            options.state_dir, options.state_sync, tuple(dict.fromkeys(options.remember))
+        ),
+        sharing=SharingSettings(not options.no_share, options.share_dir, options.share_group),
         ros2=ros2.from_flags(options),
         federation=federation.from_flags(options),
         motion_limits=options.motion_limits,

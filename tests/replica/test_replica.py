@@ -14,9 +14,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from tests.conftest import StartServer, linux
-from tests.processes.ports import free_port
+from tests.processes.ports import free_endpoint, free_port
 from tests.processes.replicas import DEADLINE_S, FRAMES, reads_near, seen, step
 from tests.processes.servers import ServerProcess
 from tests.support import moving_arm
@@ -24,12 +25,14 @@ from tests.support.raw import raw
 from tests.support.threads import together
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformTree, wire
+from zenoh_tf._net import zenoh_config
 from zenoh_tf.errors import ReplicaBehind, ServerUnavailable, TransactionConflict
 from zenoh_tf_client import AsyncTransformClient, Transaction, TransformClient
 from zenoh_tf_client.requests.receipt import Receipt
 from zenoh_tf_client.session.mapped_tree import Mode
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.sharing import SharingSettings
+from zenoh_tf_server.process.upstream import Upstream
 from zenoh_tf_server.replica.copies import SharedCopies
 from zenoh_tf_server.replica.service import ReplicaService
 
@@ -323,16 +326,18 @@ def test_a_replaced_copy_goes_without_a_garbage_collection() -> None:
     """The server's collections are rare, and never have what was there when it started."""
     loop = asyncio.new_event_loop()
     copies = SharedCopies(SharingSettings(on=False), "main", "own")
-    replica = ReplicaService("main", "own", Limits(), loop, copies)
-    gc.disable()
-    try:
-        old = [TransformTree()]
-        gone = weakref.ref(old[0])
-        replica._take(old[0], "first")
-        replica._take(TransformTree(), "second")
-        old.clear()
-        wait_until(lambda: gone() is None, "the first copy is still there")
-    finally:
-        gc.enable()
-        replica.close()
-        loop.close()
+    with zenoh.open(zenoh_config.router([free_endpoint()])) as session:
+        primary = Upstream(session, "main")  # which is not there
+        replica = ReplicaService("main", "own", Limits(), loop, copies, primary)
+        gc.disable()
+        try:
+            old = [TransformTree()]
+            gone = weakref.ref(old[0])
+            replica._take(old[0], "first")
+            replica._take(TransformTree(), "second")
+            old.clear()
+            wait_until(lambda: gone() is None, "the first copy is still there")
+        finally:
+            gc.enable()
+            replica.close()
+            loop.close()

@@ -99,8 +99,3 @@ def add_flags(flags: argparse._ArgumentGroup) -> None:
         help="with a stamp beyond --max-future-s: refuse it, or store and flag it (default: "
         "%(default)s)",
     )
-
-
-def from_flags(options: argparse.Namespace) -> FutureStamps:
-    """What the flags of `add_flags` say."""
-    return FutureStamps(options.max_future_s, options.future)

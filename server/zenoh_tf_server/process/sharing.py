@@ -72,7 +72,7 @@ class SharingSettings:
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of `from_flags`."""
+    """Add the flags of this module."""
     group = parser.add_argument_group("clients on the same host, who read the tree's memory")
     group.add_argument(
         "--share-dir",
@@ -102,11 +102,6 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             parser.error(f"{name} and --no-share exclude each other")
         if options.connect:
             parser.error(f"{name}: a server with --connect does not share its tree")
-
-
-def from_flags(options: argparse.Namespace) -> SharingSettings:
-    """The settings that the flags say."""
-    return SharingSettings(not options.no_share, options.share_dir, options.share_group)
 
 
 class Sharing:

@@ -43,14 +43,14 @@ class ReplicaServer(RunningServer):
             session = sessions.open_clients(settings.tree, enforced)
             own_id = secrets.token_hex(8)
             copies = SharedCopies(settings.sharing, settings.tree, own_id)
-            service = ReplicaService(settings.tree, own_id, limits, loop, copies)
+            service = ReplicaService(settings.tree, own_id, limits, loop, copies, primary)
             service.access = lambda: _access(enforced, primary.access, security.credentials.user)
             key = functools.partial(keys.replica_request, settings.tree, str(session.zid()))
             request_types = keys.REPLICA_REQUEST_TYPES
             super().__init__(session, service, key, settings.workers, stack, request_types)
             service.is_connected = self.clients.is_connected
             stack.callback(service.close)
-            service.start(primary)
+            service.wait_for_copy()
             self.serve(service.authorities)
             self._stack = stack.pop_all()
 

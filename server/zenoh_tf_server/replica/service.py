@@ -48,8 +48,10 @@ class ReplicaService(Handler):
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
         copies: SharedCopies,
+        source: Source,
     ) -> None:
-        """`own_id`: what `hello` calls this replica. `copies` makes the trees."""
+        """Follow the primary, `source`. `own_id`: what `hello` calls this replica. `copies` makes
+        the trees."""
         super().__init__(name, limits, RequestGuard())
         #: What the clients may do, as the reply to `hello` says it; None: everything.
         self.access: Callable[[], dict[str, Any] | None] = lambda: None
@@ -58,25 +60,22 @@ class ReplicaService(Handler):
         self._own_id = own_id
         self._copies = copies
         self._loop = loop
-        self._feed: MirrorFeed | None = None
         #: By copy; besides the current one, the one before it for a moment.
         self._services: dict[TransformTree, Service] = {}
         self._past: deque[str] = deque(maxlen=_MAX_PAST)  # instances that are gone
-        self._state = State()  # until there is a feed
+        self._feed = MirrorFeed(source, self._take, make_tree=copies.make_tree)  # last: it calls
 
-    def start(self, source: Source) -> None:
-        """Follow the primary. Returns when there is a copy.
+    def wait_for_copy(self) -> None:
+        """Wait for the first copy.
 
         Raises:
             TransformException: There is none in time.
         """
-        self._feed = MirrorFeed(source, self._take, make_tree=self._copies.make_tree)
         self._feed.wait_for_copy(_COPY_TIMEOUT_S)
 
     def close(self) -> None:
         """Follow the primary no more, and answer what waits."""
-        if self._feed is not None:
-            self._feed.close()
+        self._feed.close()
         self._copies.close()
         for service in list(self._services.values()):
             service.close()
@@ -84,7 +83,7 @@ class ReplicaService(Handler):
     @property
     def state(self) -> State:
         """What is served."""
-        return self._state if self._feed is None else self._feed.state
+        return self._feed.state
 
     @property
     def instance(self) -> str:
@@ -116,7 +115,7 @@ class ReplicaService(Handler):
         return [record["name"] for record in self.info_requests.authorities()]
 
     def stats(self) -> dict[str, int]:
-        """Those of the latest copy; there is one once `start` has returned."""
+        """Those of the latest copy; there is one once `wait_for_copy` has returned."""
         return next(reversed(list(self._services.values()))).stats()
 
     # --- copies
@@ -127,7 +126,8 @@ class ReplicaService(Handler):
             return
         service = _CopyService(self, tree, instance)
         service.requests = self.requests
-        service.waiters.is_connected = self.is_connected
+        # Another function may be set later.
+        service.waiters.is_connected = lambda client: self.is_connected(client)  # noqa: PLW0108
         service.add_counters(self._counters)
         self.clocks, self.info_requests = service.clocks, service.info_requests
         # From here on no client reads the copy before this one in memory.
@@ -146,22 +146,20 @@ class ReplicaService(Handler):
             service.close()
 
     def _counters(self) -> dict[str, Any]:
-        feed = self._feed
         return {
             "replica_age_s": self.age_s,
             "replica_seq": self.state.seq,
-            "replica_snapshots": 0 if feed is None else feed.snapshots,
-            "replica_contradictions": 0 if feed is None else feed.contradictions,
+            "replica_snapshots": self._feed.snapshots,
+            "replica_contradictions": self._feed.contradictions,
             **self._added_counters(),
         }
 
     def _age_s(self, state: State) -> float:
-        feed = self._feed
-        return _MAX_AGE_S if feed is None else min(feed.age_s(state), _MAX_AGE_S)
+        return min(self._feed.age_s(state), _MAX_AGE_S)
 
     def _dates(self, state: State) -> dict[str, int]:
         """What the reply to a read that began in `state` says of it: how old it is, and more."""
-        reach = state.seq if self._feed is None else max(state.seq, self._feed.reach)
+        reach = max(state.seq, self._feed.reach)
         return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
 
     def check_least(self, tree: TransformTree, instance: str, seq: int) -> None:

@@ -63,13 +63,6 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error(f"--remember {options.remember[0]!r} needs --state-dir")
 
 
-def from_flags(options: argparse.Namespace) -> StateSettings:
-    """The settings that the flags say."""
-    return StateSettings(
-        options.state_dir, options.state_sync, tuple(dict.fromkeys(options.remember))
-    )
-
-
 class State:
     """The state of one server's tree. Close it when nothing writes to the tree any more."""
 
