@@ -153,22 +153,9 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     _add_common(common, top=False)
     parsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     commands = Commands(parsers, common)
-    for family in (
-        *(
-            lookups,
-            estimate,
-            explain,
-            follow,
-            doctor,
-            inspect,
-            monitor,
-            top,
-            viewer,
-            foxglove,
-            plot,
-        ),
-        *(write, static, urdf, calibration, query, record, replay),
-    ):
+    families = [lookups, estimate, explain, follow, doctor, inspect, monitor, top, viewer]
+    families += [foxglove, plot, write, static, urdf, calibration, query, record, replay]
+    for family in families:
         family.add(commands)
     completion.add(commands, _parser)
     return parser
