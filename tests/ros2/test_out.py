@@ -140,6 +140,11 @@ def test_servers_on_one_network_take_each_message_once(
             assert position(there, "base", child) == [1.0, 2.0, 3.0]
         there.set_transform(StampedTransform("base", "lidar", 5, TURNED), static=True)
         assert position(tf, "base", "lidar") == [1.0, 2.0, 3.0]
+        for stamp in (6, 7, 8):  # sooner than a change comes back
+            for where, child in ((tf, "camera"), (there, "lidar")):
+                moved = StampedTransform("base", child, stamp, Transform((stamp, 0, 0)))
+                where.set_transform(moved, static=True)
+        wait_until(lambda: is_at(there, "camera", 8) and is_at(tf, "lidar", 8))
         for _ in range(10):
             stamp_ns = time.time_ns()
             tf.set_transform(StampedTransform("map", "drone", stamp_ns, TURNED), "pilot")
@@ -148,7 +153,7 @@ def test_servers_on_one_network_take_each_message_once(
         assert "ros2:0/zenoh_tf" in names and not any("dds" in name for name in names)
         (heard,) = (each for each in there.authorities() if each.name)
         assert heard.name == "ros2:0/zenoh_tf" and heard.conflicts == 0
-        assert heard.stored == 12
+        assert 13 <= heard.stored <= 15  # of a burst, the last one at least
 
 
 def is_at(tf: TransformClient, frame: str, stamp_ns: int) -> bool:
