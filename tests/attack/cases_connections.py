@@ -13,6 +13,7 @@ from pathlib import Path
 
 import trustme
 
+from tests.processes.ports import free_endpoint
 from tests.support import messages
 from tests.support.certificates import issue
 from zenoh_tf import StampedTransform, Transform
@@ -20,7 +21,7 @@ from zenoh_tf.errors import TransformException
 from zenoh_tf_client import Credentials, TransformClient
 
 from .arena import Arena, Finding, beside, case
-from .processes import HERE, Process, Server, free_endpoint
+from .processes import HERE, Process, Server
 
 _SITE = "site"  # the tree of the server that joins the other one's network
 _SET = 20

@@ -17,7 +17,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.attack.processes import ROOT, Process, free_endpoint
+from tests.attack.processes import ROOT, Process
+from tests.processes.ports import free_endpoint
 from tests.processes.tcp_proxy import TcpProxy
 from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf_client import TransformClient
