@@ -125,7 +125,7 @@ def _make_service(
     instance: str,
 ) -> Service:
     security = settings.security
-    certificate_of = network.certificates(session)
+    certificate_of = functools.partial(network.certificate_of, session)
     guard = RequestGuard(security.rules, admin=security.admin, certificate_of=certificate_of)
     service = Service(
         tree,
@@ -137,7 +137,7 @@ def _make_service(
         guard,
         settings.future,
     )
-    service.info_requests.addresses = network.addresses(session)
+    service.info_requests.addresses = functools.partial(network.addresses, session)
     return service
 
 

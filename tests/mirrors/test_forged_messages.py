@@ -12,7 +12,7 @@ from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys
 from zenoh_tf.mirrors.source import ServerStatus, State
-from zenoh_tf.mirrors.stream_guard import StreamSenders, is_ahead
+from zenoh_tf.mirrors.stream_guard import is_ahead, senders
 from zenoh_tf_client import TransformClient
 
 from .test_mirroring import Network
@@ -75,9 +75,9 @@ def test_replies_of_another_instance_are_not_taken() -> None:
     ],
 )
 def test_only_the_stream_s_own_key_names_an_instance(key: str, instance: str | None) -> None:
-    senders = StreamSenders("main", "")
+    sender = senders("main", "")
     for _ in range(2):
-        assert senders.instance(key) == instance
+        assert sender(key) == instance
 
 
 def test_a_state_ahead_of_its_server() -> None:

@@ -45,7 +45,7 @@ from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
 from .own_threads import OwnThreads
 from .source import Source, State
 from .steps import PART_WAIT_S, Ask, AskStatus, Pause, Runner, Steps
-from .stream_guard import Alarm, StreamSenders, is_ahead
+from .stream_guard import Alarm, is_ahead, senders
 
 log = logging.getLogger("zenoh_tf.mirror")
 
@@ -112,7 +112,7 @@ class MirrorFeed:
         self._has_warned = False
         self._alarm = Alarm(source.tree)
         self._is_checking = False  # a thread asks who the server is
-        self._senders = StreamSenders(source.tree, interest.id if interest else "")
+        self._sender = senders(source.tree, interest.id if interest else "")
         #: Grows with the messages that have come. Written by the listening thread alone.
         self.heard = 0
         self._is_applying = False  # written by the listening thread alone
@@ -213,9 +213,9 @@ class MirrorFeed:
         self.heard += len(batch)
         self._is_applying = True
         for sample in batch:
-            sender = self._senders.instance(str(sample.key_expr))
-            if sender is not None:
-                self._received(sender, sample.payload.to_bytes())
+            instance = self._sender(str(sample.key_expr))
+            if instance is not None:
+                self._received(instance, sample.payload.to_bytes())
         self._is_applying = False
 
     # --- the stream

@@ -11,8 +11,10 @@ Internal: for `zenoh_tf.mirrors.feed`.
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import time
+from collections.abc import Callable
 from typing import Final
 
 from .._net import keys
@@ -25,27 +27,20 @@ log = logging.getLogger("zenoh_tf.mirror")
 _PERIOD_S: Final = 10.0
 
 
-class StreamSenders:
-    """The server instances that the keys of a stream's messages name."""
+def senders(tree: str, interest: str) -> Callable[[str], str | None]:
+    """A function from a key to the server instance whose stream, of a tree and the id of an
+    interest or "", has exactly this key; to None from any other key."""
 
-    def __init__(self, tree: str, interest: str) -> None:
-        """`interest`: the id of an interest, or empty."""
-        self._tree = tree
-        self._interest = interest
-        self._known: tuple[str, str | None] = ("", None)  # the last key, and its instance
+    @functools.lru_cache(maxsize=1)  # messages in a row have one key
+    def sender(key: str) -> str | None:
+        chunk = key.removeprefix(keys.stream(tree, "x")[:-1]).partition("/")[0]
+        with contextlib.suppress(InvalidArgumentException):
+            instance = keys.unescape(chunk)
+            if key == keys.stream(tree, instance, interest):
+                return instance
+        return None
 
-    def instance(self, key: str) -> str | None:
-        """The instance whose stream has exactly this key; None for any other key."""
-        known, instance = self._known
-        if known != key:
-            chunk = key.removeprefix(keys.stream(self._tree, "x")[:-1]).partition("/")[0]
-            instance = None
-            with contextlib.suppress(InvalidArgumentException):
-                named = keys.unescape(chunk)
-                if key == keys.stream(self._tree, named, self._interest):
-                    instance = named
-            self._known = (key, instance)
-        return instance
+    return sender
 
 
 class Alarm:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import zenoh
@@ -144,20 +144,15 @@ def open_client_session(
     )
 
 
-def certificates(session: zenoh.Session) -> Callable[[str], str | None]:
-    """A function from a client's Zenoh id to the common name of its certificate, None if it has
-    shown none."""
-
-    def common_name(client: str) -> str | None:
-        for link in session.info.links():
-            if str(link.zid) == client:
-                return link.auth_identifier
-        return None
-
-    return common_name
+def certificate_of(session: zenoh.Session, client: str) -> str | None:
+    """The common name of a client's certificate, by its Zenoh id; None if it has shown none."""
+    for link in session.info.links():
+        if str(link.zid) == client:
+            return link.auth_identifier
+    return None
 
 
-def addresses(session: zenoh.Session) -> Callable[[], dict[str, str]]:
-    """A function that returns the address at the other end of each link, such as
-    ``tcp/10.0.0.7:50312``, by the Zenoh id there."""
-    return lambda: {str(link.zid): link.dst for link in session.info.links()}
+def addresses(session: zenoh.Session) -> dict[str, str]:
+    """The address at the other end of each link, such as ``tcp/10.0.0.7:50312``, by the Zenoh id
+    there."""
+    return {str(link.zid): link.dst for link in session.info.links()}

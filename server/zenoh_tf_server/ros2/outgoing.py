@@ -13,11 +13,13 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import functools
 import logging
 import threading
 import time
 import uuid
 from collections import deque
+from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import Any, Final
 
@@ -26,7 +28,6 @@ from zenoh import ext
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
-from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.errors import TransformException
 from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.attachment import Attachment
@@ -109,10 +110,11 @@ class Outgoing:
     ) -> None:
         self._tree = tree
         self._links = links
-        self._patterns = settings.publish
         self._domain = settings.domain
-        self._chosen = BoundedMap[str, bool](_KNOWN_NAMES)
-        self._lock = threading.Lock()  # of the commits that wait, and the counters
+        self._is_chosen = functools.lru_cache(_KNOWN_NAMES)(
+            lambda name: any(fnmatchcase(name, pattern) for pattern in settings.publish)
+        )
+        self._lock = threading.Lock()
         self._commits: deque[tuple[wire.Commit, Stores]] = deque()
         self._waiting = 0  # transforms in them
         self._tokens: list[zenoh.LivelinessToken] = []
@@ -123,12 +125,11 @@ class Outgoing:
         self._messages = self._transforms = self._left_out = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._declare(session)
-        self._threads = (
-            Periodic("ros2-statics-out", self._publish_statics, _STATICS_S),
-            Periodic("ros2-out", self._publish_moving, 1 / settings.rate_hz),
-        )
-        for thread in self._threads:
-            thread.start()
+        self._period_s = 1 / settings.rate_hz
+        self._next_s = 0.0
+        period_s = min(self._period_s, _STATICS_S)
+        self._thread = Periodic("ros2-out", self._publish_due, period_s)
+        self._thread.start()
 
     def _declare(self, session: zenoh.Session) -> None:
         zid = str(session.info.zid())
@@ -147,8 +148,7 @@ class Outgoing:
 
     def close(self) -> None:
         """Publish no more."""
-        for thread in self._threads:
-            thread.close()
+        self._thread.close()
         for token in self._tokens:
             token.undeclare()
         for peers in self._peers.values():
@@ -176,6 +176,18 @@ class Outgoing:
     def _declare_token(self, session: zenoh.Session, key: str) -> None:
         self._tokens.append(session.liveliness().declare_token(key))
 
+    def _publish_due(self) -> None:
+        self._attempt(self._publish_statics)  # first: links before what hangs on them
+        if (now_s := time.monotonic()) >= self._next_s:
+            self._next_s = now_s + self._period_s
+            self._attempt(self._publish_moving)
+
+    def _attempt(self, publish: Callable[[], None]) -> None:
+        try:
+            publish()
+        except Exception as error:  # publishing must continue
+            self._log.warn("publishing on ROS 2", f"{type(error).__name__}: {error}")
+
     # --- moving frames
 
     def _publish_moving(self) -> None:
@@ -197,13 +209,6 @@ class Outgoing:
             items = list(newest.items())
             for begin in range(0, len(items), _MAX_ROWS):
                 self._publish("tf", dict(items[begin : begin + _MAX_ROWS]))
-
-    def _is_chosen(self, name: str) -> bool:
-        chosen = self._chosen.get(name)
-        if chosen is None:
-            chosen = any(fnmatchcase(name, pattern) for pattern in self._patterns)
-            self._chosen[name] = chosen
-        return chosen
 
     # --- static links
 
@@ -249,16 +254,14 @@ class Outgoing:
 
     def _count_left_out(self, topic: str, found: _Encoded) -> None:
         if found.refusal is not None:
-            with self._lock:
-                self._left_out += found.left_out
+            self._left_out += found.left_out
             self._log.warn(
                 f"publishing on /{topic}", f"{found.left_out} left out, the last: {found.refusal}"
             )
 
     def _put(self, topic: str, found: _Encoded) -> None:
-        with self._lock:  # before it is heard, and may come back
-            self._messages += 1
-            self._transforms += found.count
+        self._messages += 1  # before it is heard, and may come back
+        self._transforms += found.count
         latched = topic == "tf_static"  # late subscribers get it too
         for peer in self._peers[topic]:
             if latched or peer.has_listeners:

@@ -16,6 +16,7 @@ reply blocks a thread of this module.
 
 from __future__ import annotations
 
+import functools
 import logging
 import threading
 from collections.abc import Callable, Sequence
@@ -50,6 +51,13 @@ _HELLO: Final = b"\xa5hello"
 _HELLO_BYTES: Final = 64
 
 
+@functools.lru_cache(_MAX_SENDERS)
+def _sender_of(attachment: bytes) -> tuple[str, bool]:
+    """What an attachment says: the client's id, and whether it accepts parts."""
+    client, _, word = attachment.decode("ascii", "replace").partition(" ")
+    return client, word == keys.TAKES_PARTS
+
+
 class Workers:
     """The threads of all request types and lanes."""
 
@@ -72,8 +80,6 @@ class Workers:
         #: By request type.
         self.keys: dict[str, zenoh.KeyExpr] = {}
         self._threads: list[threading.Thread] = []
-        #: What attachments say: the client's id, and whether it accepts parts. Saves decoding.
-        self._senders: dict[bytes, tuple[str, bool]] = {}
         long: Lane[zenoh.Query] = Lane(self.shares)
         infos: Lane[zenoh.Query] = Lane(self.shares)
         self._lanes = ((long, count), (infos, 1))
@@ -118,19 +124,10 @@ class Workers:
         attachment = query.attachment
         if attachment is None or len(attachment) > _MAX_ATTACHMENT_BYTES:
             return UNKNOWN, False
-        data = attachment.to_bytes()
-        known = self._senders.get(data) or self._new_sender(data)
+        known = _sender_of(attachment.to_bytes())
         if known[0] in self._clients.connected:  # the common case
             return known
         return self._clients.known(known[0]), known[1]
-
-    def _new_sender(self, data: bytes) -> tuple[str, bool]:
-        client, _, word = data.decode("ascii", "replace").partition(" ")
-        known = client, word == keys.TAKES_PARTS
-        if len(self._senders) >= _MAX_SENDERS:
-            self._senders.clear()
-        self._senders[data] = known
-        return known
 
     def serve(self, query: zenoh.Query, request_type: str, data: bytes | None = None) -> None:
         """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
