@@ -67,17 +67,18 @@ class WriteLocks {
     readers_may_read_ = false;
   }
 
-  // Unlocks all frames, and gives each the version after `before_of(id, version before)`.
-  template <class Before>
-  void release_each(Before&& before_of) noexcept {
-    for (ReadVersion& locked : locked_) locked.version = before_of(locked.frame, locked.version);
+  // Unlocks all frames, and gives each the version `new_version_of(id, version before)`.
+  template <class NewVersion>
+  void release_each(NewVersion&& new_version_of) noexcept {
+    for (ReadVersion& locked : locked_)  // release() adds the increment
+      locked.version = new_version_of(locked.frame, locked.version) - SeqLock::kIncrement;
     release(frames_);
   }
 
   // Unlocks all frames, and gives each a new version, which is `least` or later.
   void release_from(Version least) noexcept {
     release_each([&](FrameId, Version before) noexcept {
-      return std::max(before, least - SeqLock::kIncrement);
+      return std::max(before + SeqLock::kIncrement, least);
     });
   }
 

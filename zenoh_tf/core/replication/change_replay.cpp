@@ -24,10 +24,10 @@ void ChangeReplay::apply(const ChangeColumns& changes, Seq last) {
     std::size_t at = 0;
     locks.release_each([&](FrameId, Version before) noexcept {
       const Target& target = targets_[at++];
-      if (target.after == 0) return before - SeqLock::kIncrement;  // unchanged
+      if (target.after == 0) return before;  // unchanged
       Version after = target.after | (before & ~kServerVersion);
       if (after < before) after += kServerVersion + 1;
-      return after - SeqLock::kIncrement;
+      return after;
     });
     give_back();
   }
