@@ -16,11 +16,12 @@ Version version_of(const Frame& frame) noexcept {
   return frame.version.current() & ~SeqLock::kWriting;
 }
 
-bool is_ahead_of_clock(Stamp stamp, std::uint64_t ahead_ns) noexcept {
+// Whether a frame's newest sample is so far in the future that its history is the one in error.
+bool history_is_ahead_of_clock(Stamp newest, std::uint64_t ahead_ns) noexcept {
   timespec time{};
   (void)::clock_gettime(CLOCK_REALTIME, &time);
   const Stamp now = Stamp{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-  return stamp > now && span_ns(now, stamp) > ahead_ns;
+  return newest > now && span_ns(now, newest) > ahead_ns;
 }
 
 }  // namespace
@@ -178,7 +179,7 @@ bool CommitPlan::restarts_history(const FrameWrites& group) const noexcept {
   const bool is_second = events.late_version.load(relaxed) == version_of(frame) && late < stamp &&
                          span_ns(late, stamp) <= limits_.cache_ns;
   return is_second &&
-         (tree_.options.clear_on_time_jump || is_ahead_of_clock(newest, limits_.cache_ns));
+         (tree_.options.clear_on_time_jump || history_is_ahead_of_clock(newest, limits_.cache_ns));
 }
 
 // Records that the rows of a group are too old, so that the next ones may confirm a time jump.
