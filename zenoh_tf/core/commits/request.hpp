@@ -27,8 +27,8 @@ struct CommitRequest {
   std::span<const Row> rows;
   std::string_view authority = {};
   bool is_static = false;
-  // Drops rows that are too old, or older than all samples of a full frame. Without it, one such
-  // row rejects the commit.
+  // Drops rows that are too old, older than all samples of a full frame, or, despite the name,
+  // later than `max_stamp`. Without it, one such row rejects the commit.
   bool drop_old = false;
   // The read set: the commit is rejected unless every frame still has the version that was read.
   // Version 0 asserts that the frame does not exist. read_names and read_versions are equally long.
