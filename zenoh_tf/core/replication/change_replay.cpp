@@ -344,8 +344,8 @@ void ChangeReplay::give_back() noexcept {
 void ChangeReplay::reject_memory() const {
   const std::uint64_t limit = tree_.options.max_memory_bytes;
   throw Rejected{.code = Code::limit,
-                 .message = "the mirror has no memory for more samples (max_memory_bytes)",
-                 .field = "max_memory_bytes",
+                 .message = "the mirror has no memory for more samples (max_memory)",
+                 .field = "max_memory",
                  .limit = static_cast<std::int64_t>(limit)};
 }
 
