@@ -21,7 +21,7 @@ class AdminRequests:
         self._name_bytes = limits.name_bytes
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server"))
 
-    def reply(self, message: wire.Message, expires_ns: int) -> wire.Message:
+    def run(self, message: wire.Message, expires_ns: int) -> wire.Message:
         """Run a request and return the fields of the reply, once the change is durable.
 
         Args:

@@ -81,7 +81,7 @@ class Batch:
         tickets: dict[int, int] = {}
 
         def commit(body: wire.Message) -> wire.Message:
-            reply, ticket = self._service.commit_reply(self._commit(body), expires_ns)
+            reply, ticket = self._service.run_commit(self._commit(body), expires_ns)
             if ticket != NO_TICKET:
                 tickets[len(self._replies)] = ticket
             return reply

@@ -208,15 +208,15 @@ class Service(Handler):
         def run(expires_ns: int) -> tuple[bytes, bytes]:
             commit = wire.parse_commit(message)
             self.limits.check("rows", len(commit.rows))
-            stored, ticket = self.commit_reply(commit, expires_ns)
+            stored, ticket = self.run_commit(commit, expires_ns)
             self.links.wait(ticket)
             reply = self._pack(stored)
             return reply, reply
 
         self._writes.run(message, reply_to, self.error, "a transaction", run)
 
-    def commit_reply(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
-        """The fields of the reply to a commit, and the ticket of its durability."""
+    def run_commit(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
+        """Run a commit: the fields of its reply, and the ticket of its durability."""
         self._future.check(commit)
         commit.expires_ns = expires_ns
         stored, ticket = self._store(commit)
@@ -341,7 +341,7 @@ class Service(Handler):
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
-            reply = self._pack(self._add_seq(self._admin_requests.reply(message, expires_ns)))
+            reply = self._pack(self._add_seq(self._admin_requests.run(message, expires_ns)))
             return reply, reply
 
         self._writes.run(message, reply_to, self.error, "an administrative operation", run)
