@@ -118,9 +118,9 @@ class Lane(Generic[Q]):
 class Admission(Lane[Q], ABC):
     """Lets some requests be served at once; others wait in the lane, or are refused.
 
-    Invariant: requests wait only while no place is free. `begin` takes a place or queues, and
-    `end` takes from the queue or frees the place, under one lock, so no request stays behind. That
-    lock is taken before that of the shares.
+    Invariant: requests wait only while no place is free. `queue_if_busy` takes a place or
+    queues, and `end` takes from the queue or frees the place, under one lock, so no request stays
+    behind. That lock is taken before that of the shares.
     """
 
     def __init__(self, shares: QueueShares, places: int) -> None:
@@ -128,9 +128,9 @@ class Admission(Lane[Q], ABC):
         self._lock = threading.Lock()
         self._free = places  # guarded by the lock
 
-    def begin(self, request: Any, size: int) -> Any:
-        """None: the request, of `size` bytes, is served now, until `end`. Else what `_queue`
-        returns."""
+    def queue_if_busy(self, request: Any, size: int) -> Any:
+        """Take a free place until `end`, and return None: the caller serves the request. If no
+        place is free, return what `_queue` does with the request, of `size` bytes."""
         with self._lock:
             if not self._free:
                 return self._queue(request, size)

@@ -232,7 +232,7 @@ class LocalRequests:
         """Serve a request and reply."""
         client = self._clients.known(connection.claimed)
         turns = self._turns[request_type]
-        refusal = turns.begin(client, len(data))
+        refusal = turns.queue_if_busy(client, len(data))
         if refusal is None:
             reply = _Reply(client)
             try:

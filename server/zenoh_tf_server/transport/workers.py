@@ -210,7 +210,7 @@ class _Queryable(Admission[zenoh.Query]):
         if size <= SHORT_BYTES:
             data = payload.to_bytes() if payload is not None else b""
             if self._request_type != "info" or (size <= _HELLO_BYTES and _HELLO in data):
-                if not self.begin(query, size):
+                if not self.queue_if_busy(query, size):
                     self._workers.serve(query, self._request_type, data)
                     while (request := self.end()) is not None:
                         self._workers.serve(request.query, self._request_type)
