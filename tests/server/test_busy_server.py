@@ -33,9 +33,9 @@ def request(client: str, size: int = 0, name: str = "lookup") -> QueuedRequest[A
 def test_clients_take_turns() -> None:
     lane: Lane[Any] = Lane(QueueShares(Limits()))
     for name in ("a1", "a2", "a3"):
-        assert lane.put(request("a", name=name)) is None
-    assert lane.put(request("b", name="b1")) is None
-    assert lane.put(request("c", name="c1")) is None
+        assert lane.enqueue(request("a", name=name)) is None
+    assert lane.enqueue(request("b", name="b1")) is None
+    assert lane.enqueue(request("c", name="c1")) is None
     taken = [lane.take() for _ in range(5)]
     assert [each.request_type for each in taken if each] == ["a1", "b1", "c1", "a2", "a3"]
     assert lane.take() is None
@@ -54,23 +54,23 @@ def test_each_bound_refuses(limits: Limits, field: str) -> None:
     budget = QueueShares(limits)
     lane: Lane[Any] = Lane(budget)
     other_lane: Lane[Any] = Lane(budget)
-    assert lane.put(request("a", 2000)) is None
-    assert other_lane.put(request("a", 2000)) is None  # the bounds hold for all lanes together
-    refusal = lane.put(request("a", 2000))
+    assert lane.enqueue(request("a", 2000)) is None
+    assert other_lane.enqueue(request("a", 2000)) is None  # the bounds hold for all lanes together
+    refusal = lane.enqueue(request("a", 2000))
     assert isinstance(refusal, ServerBusy)
     assert refusal.field == field
     assert refusal.retry_after_s is not None and refusal.retry_after_s > 0
     # Only a bound on one client leaves room for others.
-    assert (lane.put(request("b", 2000)) is None) == field.startswith("client_")
+    assert (lane.enqueue(request("b", 2000)) is None) == field.startswith("client_")
     assert lane.take() is not None
     assert other_lane.take() is not None
-    assert lane.put(request("a", 2000)) is None
+    assert lane.enqueue(request("a", 2000)) is None
 
 
 def test_a_request_larger_than_the_bound_waits_alone() -> None:
     lane: Lane[Any] = Lane(QueueShares(Limits(client_pending_bytes=5000)))
-    assert lane.put(request("a", 100_000)) is None
-    assert isinstance(lane.put(request("a")), ServerBusy)
+    assert lane.enqueue(request("a", 100_000)) is None
+    assert isinstance(lane.enqueue(request("a")), ServerBusy)
 
 
 def sample_payload(rows: int) -> bytes:

@@ -64,7 +64,7 @@ class Lane(Generic[Q]):
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
-    def put(self, request: QueuedRequest[Q]) -> TransformException | None:
+    def enqueue(self, request: QueuedRequest[Q]) -> TransformException | None:
         """Queue a request, or return why it is refused."""
         client, cost = request.client, request.size + _OVERHEAD_BYTES
         with self._shares.lock:

@@ -74,7 +74,7 @@ class _Turns(Admission[threading.Condition]):
 
     def _queue(self, client: str, size: int) -> TransformException | None:
         turn = threading.Condition(self._lock)
-        refusal = self.put(QueuedRequest(turn, "", client, size))
+        refusal = self.enqueue(QueuedRequest(turn, "", client, size))
         if refusal is None:
             turn.wait()  # without the lock
         return refusal

@@ -151,7 +151,7 @@ class Workers:
         while (request := lane.wait()) is not None:
             self.serve(request.query, request.request_type)
 
-    def put(
+    def enqueue(
         self, lane: Lane[zenoh.Query], query: zenoh.Query, request_type: str, size: int
     ) -> None:
         """Let a query wait in a lane, or refuse it."""
@@ -159,7 +159,7 @@ class Workers:
         if size > self._service.limits.message_bytes:
             refusal = self._service.limits.exceeded("message_bytes", size)
         else:
-            refusal = lane.put(QueuedRequest(query, request_type, self._sender(query)[0], size))
+            refusal = lane.enqueue(QueuedRequest(query, request_type, self._sender(query)[0], size))
         if refusal is not None:
             self._reply_to(query, request_type, size)(self._service.error(refusal), True)
 
@@ -215,8 +215,8 @@ class _Queryable(Admission[zenoh.Query]):
                     while (request := self.end()) is not None:
                         self._workers.serve(request.query, self._request_type)
                 return
-        self._workers.put(self._long_lane, query, self._request_type, size)
+        self._workers.enqueue(self._long_lane, query, self._request_type, size)
 
     def _queue(self, query: zenoh.Query, size: int) -> bool:
-        self._workers.put(self, query, self._request_type, size)
+        self._workers.enqueue(self, query, self._request_type, size)
         return True
