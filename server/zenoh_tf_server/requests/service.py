@@ -252,7 +252,7 @@ class Service(Handler):
             [put.authority for put in puts],
             [put.max_stamp_ns for put in puts],
         )
-        if self.on_commit is not None or self.links.is_stored:
+        if self.on_commit is not None or self.links.has_state_file:
             for put, outcome in zip(puts, outcomes, strict=True):
                 if outcome is None:
                     self._committed(put, np.ones(len(put.rows), np.uint8))
@@ -276,7 +276,7 @@ class Service(Handler):
         durability."""
         if self.on_commit is not None:
             self.on_commit(commit, stored)
-        return self.links.made_dynamic(commit) if self.links.is_stored else NO_TICKET
+        return self.links.made_dynamic(commit) if self.links.has_state_file else NO_TICKET
 
     # --- batches, info and administration
 

@@ -81,7 +81,7 @@ class StaticLinks:
         #: Grows with every change of a static link.
         self.changes = 0
         #: False: nothing is stored, and dynamic commits need no call of `made_dynamic`.
-        self.is_stored = writer is not None
+        self.has_state_file = writer is not None
 
     def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
         """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the ticket.
