@@ -99,7 +99,8 @@ class Mirroring:
             int, wire.SnapshotRequest | None
         ] = {}  # under way; None: the plan, or missed ones
         self._number = 0
-        self._wants_plan, self._wants_missed = True, False
+        self._wants_plan = True
+        self._has_gap = False  # between the copy and the messages that wait: ask for missed ones
         #: How many were begun.
         self.snapshots = 0
         #: How often a message could not be of the server, and the copy was given up.
@@ -179,7 +180,7 @@ class Mirroring:
         while copy.pieces and len(self._requests) < _IN_FLIGHT:
             piece = copy.pieces.popleft()
             found.append(self._request("snapshot", piece, wire.snapshot_request(piece)))
-        if self._wants_missed and not self._requests:
+        if self._has_gap and not self._requests:
             self._asked_for = max((m.last for m, _ in self._waiting), default=0)
             body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
             found.append(self._request("missed", None, body))
@@ -234,7 +235,7 @@ class Mirroring:
     def restart(self) -> None:
         """Restart with a snapshot; the last complete copy stays until the new one is."""
         self._next = None
-        self._wants_plan, self._wants_missed = True, False
+        self._wants_plan, self._has_gap = True, False
         self._requests.clear()
         self._waiting.clear()
         self._waiting_bytes = 0
@@ -282,7 +283,7 @@ class Mirroring:
             if message.first <= copy.position + 1:
                 copy.repeats[message.last] = hash(data)
                 copy.apply(message)
-        self._wants_missed = False
+        self._has_gap = False
 
     def _apply(self, copy: Copy, message: wire.StreamMessage) -> None:
         try:
@@ -301,6 +302,6 @@ class Mirroring:
             self._apply(copy, message)
             if self._copy is not copy:
                 return
-        self._wants_missed = bool(self._waiting)
+        self._has_gap = bool(self._waiting)  # the first of them does not follow the copy
         if copy is self._next and copy.is_complete:
             self._live, self._next = copy, None
