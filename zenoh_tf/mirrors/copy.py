@@ -53,10 +53,10 @@ class Copy:
             replay.set_ever_reparented()
         self.begin = plan.seq  # a snapshot may overtake messages of up to this number
         #: The number of the last commit that `tree` has, and of the last that it may have in part.
-        self.position = self.reach = plan.seq
+        self.seq = self.reach_seq = plan.seq
         #: Of the last reply with missed messages: the hash of each by its last number.
         self.repeats: dict[int, int] = {}
-        self.complete_at = plan.seq
+        self.complete_at_seq = plan.seq
         self.clock_ns = plan.clock_ns
         bounds = [int(bound) for bound in plan.bounds]
         self.pieces = deque(
@@ -69,7 +69,7 @@ class Copy:
 
     @property
     def is_complete(self) -> bool:
-        return not self.loading and self.position >= self.complete_at
+        return not self.loading and self.seq >= self.complete_at_seq
 
     def load(self, piece: wire.SnapshotRequest, loaded: wire.SnapshotPiece) -> None:
         """Add a piece's frames; ask for its rest if it was cut short."""
@@ -77,7 +77,7 @@ class Copy:
             self.replay.load(*loaded.frames)
         if self.observer is not None:
             self.observer.load(loaded.frames)
-        self.complete_at = max(self.complete_at, loaded.last)
+        self.complete_at_seq = max(self.complete_at_seq, loaded.last)
         if loaded.reached < piece.until:
             self.pieces.append(replace(piece, after=max(loaded.reached, piece.after)))
         else:
@@ -85,10 +85,10 @@ class Copy:
 
     def apply(self, message: wire.StreamMessage) -> None:
         """Apply a message that begins at most one after the last one."""
-        if message.changes is not None and message.last > self.position:
-            self.reach = max(self.reach, message.last)
+        if message.changes is not None and message.last > self.seq:
+            self.reach_seq = max(self.reach_seq, message.last)
             self._add(message)
-        self.position = self.reach = max(self.position, message.last)
+        self.seq = self.reach_seq = max(self.seq, message.last)
         self.clock_ns = max(self.clock_ns, message.clock_ns)
 
     def _add(self, message: wire.StreamMessage) -> None:
@@ -101,7 +101,7 @@ class Copy:
     def contradicts(self, message: wire.StreamMessage, data: bytes) -> bool:
         """Whether a message cannot be of the server that the copy is of, if all others are: it
         comes twice only if a reply with missed messages overtakes it, and then the same bytes."""
-        if not self.begin < message.first <= self.position:  # else it may have been overtaken
+        if not self.begin < message.first <= self.seq:  # else it may have been overtaken
             return False
         if message.last < message.first:  # a heartbeat
             return not self.repeats

@@ -136,9 +136,9 @@ class MirrorFeed:
         return self._mirroring.contradictions
 
     @property
-    def reach(self) -> int:
+    def reach_seq(self) -> int:
         """The number of the last commit that a read may have seen until now."""
-        return self._mirroring.reach
+        return self._mirroring.reach_seq
 
     def age_s(self, state: State | None = None) -> float:
         """How old the copy, or what it was in a state, is at most; infinite before there is one."""

@@ -121,12 +121,12 @@ class Mirroring:
         if live is None:
             return State()
         synced = not (self._next or self._wants_plan or self._waiting)
-        return State(live.tree, live.instance, live.position, live.clock_ns, synced)
+        return State(live.tree, live.instance, live.seq, live.clock_ns, synced)
 
     @property
-    def reach(self) -> int:
+    def reach_seq(self) -> int:
         """The number of the last commit of which `tree` may have something."""
-        return self._live.reach if self._live else 0
+        return self._live.reach_seq if self._live else 0
 
     @property
     def followed(self) -> str:
@@ -150,7 +150,7 @@ class Mirroring:
             copy is not None
             and copy is self._live
             and not self._waiting
-            and message.first <= copy.position + 1
+            and message.first <= copy.seq + 1
         ):
             if copy.repeats and message.first > max(copy.repeats):
                 copy.repeats.clear()  # all of them have come, or were lost
@@ -182,7 +182,7 @@ class Mirroring:
             found.append(self._request("snapshot", piece, wire.snapshot_request(piece)))
         if self._has_gap and not self._requests:
             self._asked_for = max((m.last for m, _ in self._waiting), default=0)
-            body = wire.missed_request(copy.instance, copy.position + 1, self._interest)
+            body = wire.missed_request(copy.instance, copy.seq + 1, self._interest)
             found.append(self._request("missed", None, body))
         return found
 
@@ -230,7 +230,7 @@ class Mirroring:
     def link_changed(self) -> None:
         """Another link may bring what has come before."""
         if self._live is not None:
-            self._live.begin = self._live.position
+            self._live.begin = self._live.seq
 
     def restart(self) -> None:
         """Restart with a snapshot; the last complete copy stays until the new one is."""
@@ -280,7 +280,7 @@ class Mirroring:
         copy.repeats.clear()
         for data in messages:
             message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
-            if message.first <= copy.position + 1:
+            if message.first <= copy.seq + 1:
                 copy.repeats[message.last] = hash(data)
                 copy.apply(message)
         self._has_gap = False
@@ -296,7 +296,7 @@ class Mirroring:
         copy = self._copy
         if copy is None or copy.loading:
             return
-        while self._waiting and self._waiting[0][0].first <= copy.position + 1:
+        while self._waiting and self._waiting[0][0].first <= copy.seq + 1:
             message, size = self._waiting.popleft()
             self._waiting_bytes -= size
             self._apply(copy, message)

@@ -159,7 +159,7 @@ class ReplicaService(Handler):
 
     def _dates(self, state: State) -> dict[str, int]:
         """What the reply to a read that began in `state` says of it: how old it is, and more."""
-        reach = max(state.seq, self._feed.reach)
+        reach = max(state.seq, self._feed.reach_seq)
         return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
 
     def check_least(self, tree: TransformTree, instance: str, seq: int) -> None:
