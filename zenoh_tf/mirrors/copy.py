@@ -51,7 +51,7 @@ class Copy:
         self.replay = replay
         if plan.ever_reparented and replay is not None:
             replay.set_ever_reparented()
-        self.begin = plan.seq  # a snapshot may overtake messages of up to this number
+        self.overtaken_until = plan.seq  # a snapshot may overtake messages of up to this number
         #: The number of the last commit that `tree` has, and of the last that it may have in part.
         self.seq = self.reach_seq = plan.seq
         #: Of the last reply with missed messages: the hash of each by its last number.
@@ -101,7 +101,7 @@ class Copy:
     def contradicts(self, message: wire.StreamMessage, data: bytes) -> bool:
         """Whether a message cannot be of the server that the copy is of, if all others are: it
         comes twice only if a reply with missed messages overtakes it, and then the same bytes."""
-        if not self.begin < message.first <= self.seq:  # else it may have been overtaken
+        if not self.overtaken_until < message.first <= self.seq:  # else it may have been overtaken
             return False
         if message.last < message.first:  # a heartbeat
             return not self.repeats

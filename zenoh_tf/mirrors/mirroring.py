@@ -230,7 +230,7 @@ class Mirroring:
     def link_changed(self) -> None:
         """Another link may bring what has come before."""
         if self._live is not None:
-            self._live.begin = self._live.seq
+            self._live.overtaken_until = self._live.seq
 
     def restart(self) -> None:
         """Restart with a snapshot; the last complete copy stays until the new one is."""
