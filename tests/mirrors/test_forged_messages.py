@@ -41,7 +41,7 @@ def test_numbers_that_the_server_has_not_sent(ahead: tuple[int, int]) -> None:
     for _ in range(30):
         network.server.write()
         mirroring.received(network.server.publish())
-        network.under_way += mirroring.requests()
+        network.under_way += mirroring.take_requests()
         while network.under_way:
             request = network.under_way.pop()
             mirroring.answered(request.number, network.server.reply(request))
@@ -54,9 +54,9 @@ def test_replies_of_another_instance_are_not_taken() -> None:
     network = settled()
     mirroring = network.mirroring
     mirroring.restart()
-    (plan,) = mirroring.requests()
+    (plan,) = mirroring.take_requests()
     mirroring.answered(plan.number, network.server.reply(plan))
-    request = mirroring.requests()[0]
+    request = mirroring.take_requests()[0]
     mirroring.answered(request.number, network.server.reply(request) | {"instance": "other"})
     assert mirroring.snapshots == 2
     network.settle()

@@ -103,7 +103,7 @@ class Network:
         if self.random.random() >= loss:
             self.mirroring.received(data)
             self.check()
-        self.under_way += self.mirroring.requests()
+        self.under_way += self.mirroring.take_requests()
         while self.under_way and self.random.random() < 0.7:
             request = self.under_way.pop(self.random.randrange(len(self.under_way)))
             if self.random.random() < loss:
@@ -135,7 +135,7 @@ class Network:
             self.step(loss=0.0)
         for _ in range(60):
             self.mirroring.received(self.server.publish())
-            self.under_way += self.mirroring.requests()
+            self.under_way += self.mirroring.take_requests()
             while self.under_way:
                 request = self.under_way.pop()
                 self.mirroring.answered(request.number, self.server.reply(request))
@@ -211,9 +211,9 @@ def test_too_many_waiting_messages_are_given_up() -> None:
 
 def test_late_replies_are_ignored() -> None:
     network = Network(5)
-    (request,) = network.mirroring.requests()
-    assert network.mirroring.requests() == []
+    (request,) = network.mirroring.take_requests()
+    assert network.mirroring.take_requests() == []
     network.mirroring.restart()
     network.mirroring.answered(request.number, network.server.reply(request))
     network.mirroring.failed(request.number)
-    assert len(network.mirroring.requests()) == 1
+    assert len(network.mirroring.take_requests()) == 1

@@ -279,7 +279,7 @@ class MirrorFeed:
         m = self._mirroring
         self._alarm.record(m.contradictions)
         has_copy = self._accept_copy()
-        for request in m.requests():
+        for request in m.take_requests():
             if not self._runner.run(self, self._ask(request)):
                 m.failed(request.number)  # the next message sends it again
         if has_copy:

@@ -167,7 +167,7 @@ class Mirroring:
         else:
             self._advance()
 
-    def requests(self) -> list[MirrorRequest]:
+    def take_requests(self) -> list[MirrorRequest]:
         """The requests to send now. Each is given once, until it is answered or has failed."""
         if self._wants_plan:
             # Until it is answered, nothing else is worth asking.
@@ -213,7 +213,7 @@ class Mirroring:
         self._advance()
 
     def failed(self, number: int, error: Exception | None = None) -> None:
-        """Record that a request has no reply; `requests` has it again, or restarts."""
+        """Record that a request has no reply; `take_requests` has it again, or restarts."""
         if number not in self._requests:
             return
         piece = self._requests.pop(number)
