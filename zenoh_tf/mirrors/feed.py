@@ -67,7 +67,7 @@ _CLOCK_PERIODS: Final = 10
 #: The least time between two questions whether another server has come.
 _CHECK_PERIOD_S: Final = 0.1
 _JOIN_TIMEOUT_S: Final = 1.0
-#: Errors of requests for which the first copy waits on.
+#: Errors of requests for which the first copy waits on, whether or not it restarts.
 _MAY_PASS: Final = (ServerBusy, ServerRestarted, ServerUnavailable, TimeoutException)
 
 
@@ -161,7 +161,7 @@ class MirrorFeed:
             TimeoutException: The snapshot was not complete in time.
             LimitExceeded: A frame's history has no room in a reply of the server.
         """
-        self.wait(lambda: self.state.tree is not None or self._is_final(), timeout_s)
+        self.wait(lambda: self.state.tree is not None or self._is_permanent(), timeout_s)
         if self.state.tree is not None:
             return
         if self._error is not None:
@@ -366,7 +366,7 @@ class MirrorFeed:
                 self._mirroring.failed(request.number, error)
                 self._proceed()
 
-    def _is_final(self) -> bool:
+    def _is_permanent(self) -> bool:
         """Whether the error of the last request will come again."""
         return self._error is not None and not isinstance(self._error, _MAY_PASS)
 

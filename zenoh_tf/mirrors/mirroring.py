@@ -35,7 +35,8 @@ from .source import State
 
 #: Requests for pieces that are under way at once.
 _IN_FLIGHT: Final = 2
-#: Errors after which the same request is sent again.
+#: Errors after which the same request is sent again. After others, also ServerRestarted, the
+#: mirror restarts with a snapshot.
 _TRANSIENT: Final = (ServerBusy, ServerUnavailable, TimeoutException)
 #: Most bytes of messages that wait for a snapshot or for missed ones.
 MAX_WAITING_BYTES: Final = 256 << 20
