@@ -195,7 +195,7 @@ class Connection:
             result = request.parse_plain(reply, server.instance)
             if result is not None:
                 return result[0]
-            if exchange.is_final(message := decode(reply)):
+            if exchange.is_served(message := decode(reply)):
                 return request.parse(message)
         query = ReadQuery(key, payload, timeout_s, begin_s + timeout_s)
         return self._run(exchange.finish_read(request, query, reply))

@@ -205,7 +205,7 @@ class Exchange:
                 yield from self._keep_in_touch()
                 return plain[0]
         message = decode(reply)
-        if not self.is_final(message):
+        if not self.is_served(message):
             key, payload = query.key, query.payload
             message = yield from self._retry_while_busy(message, key, payload, query.deadline_s)
             if isinstance(message, NoReply):
@@ -311,7 +311,7 @@ class Exchange:
         )
         payload = server.check_size(wire.pack(body | write))
         reply = decode((yield Ask(key, payload, self._timeout_s)))
-        if not self.is_final(reply):
+        if not self.is_served(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.
             deadline_s = now_ns * 1e-9 + self._timeout_s
             reply = yield from self._retry_while_busy(reply, key, payload, deadline_s)
@@ -374,7 +374,7 @@ class Exchange:
             yield Pause(pause_s)
             reply = decode((yield Ask(key, payload, timeout_s)))
 
-    def is_final(self, reply: wire.Message | NoReply) -> TypeGuard[wire.Message]:
+    def is_served(self, reply: wire.Message | NoReply) -> TypeGuard[wire.Message]:
         """The common case: the known server has served the request."""
         server = self.server
         return (
