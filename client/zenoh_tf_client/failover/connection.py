@@ -21,7 +21,7 @@ from zenoh_tf.errors import TransformException
 from ..requests import info
 from ..requests.request import Request
 from ..session.calls import SessionCalls
-from ..session.connection import Connection, Listener
+from ..session.connection import Connection, ConnectionUser
 from ..session.opening import try_session
 from .exchange import FailoverExchange
 from .link_watch import LinkWatch
@@ -83,9 +83,9 @@ class FailoverConnection(Connection):
     def call(self, request: Request[T]) -> T:
         return self._run(self.exchange.call(request))
 
-    def expect(self, listener: Listener, silence_s: float) -> None:
+    def watch_connection(self, user: ConnectionUser, silence_s: float) -> None:
         if self._watch is not None:
-            self._watch.expect(listener, silence_s)
+            self._watch.watch_connection(user, silence_s)
 
     def close(self) -> None:
         if self._watch is not None:

@@ -31,7 +31,7 @@ from zenoh_tf._net import keys, link_sockets, zenoh_config
 from zenoh_tf.errors import ServerUnavailable
 
 from ..session.calls import SessionCalls, is_forked
-from ..session.connection import Listener
+from ..session.connection import ConnectionUser
 from .queries import WatchedQueries
 
 #: How often the watch looks while something is under way, and while nothing is.
@@ -79,8 +79,8 @@ class LinkWatch:
         self._serves = serves
         #: Of the link that is there, or was last.
         self.endpoint = endpoints[0]
-        #: By listener, after which silence the router is asked.
-        self._listeners: weakref.WeakKeyDictionary[Listener, float] = weakref.WeakKeyDictionary()
+        #: By user, after which silence the router is asked.
+        self._users: weakref.WeakKeyDictionary[ConnectionUser, float] = weakref.WeakKeyDictionary()
         self._closed = threading.Event()
         # What follows belongs to the watch's thread.
         self._links = 0  # that have come so far
@@ -112,9 +112,9 @@ class LinkWatch:
             self._closed.set()
             self._queries.sent.set()
 
-    def expect(self, listener: Listener, silence_s: float) -> None:
-        """As `Connection.expect`."""
-        self._listeners[listener] = silence_s
+    def watch_connection(self, user: ConnectionUser, silence_s: float) -> None:
+        """As `Connection.watch_connection`."""
+        self._users[user] = silence_s
         self._queries.sent.set()
 
     def check(self) -> float:
@@ -131,19 +131,19 @@ class LinkWatch:
         self._read_events()
         now_s = time.monotonic()
         self._return_if_possible(now_s)
-        listeners = [(each, s) for each, s in list(self._listeners.items()) if not each.closed]
-        heard = self._queries.heard + sum(each.heard for each, _ in listeners)
-        least_s = silence_s = min((s for _, s in listeners), default=_IDLE_S)
+        users = [(each, s) for each, s in list(self._users.items()) if not each.closed]
+        heard = self._queries.heard + sum(each.heard for each, _ in users)
+        least_s = silence_s = min((s for _, s in users), default=_IDLE_S)
         if self._queries.are_under_way:
             silence_s = _SILENCE_S
-        is_quiet = not listeners and not self._queries.are_under_way  # nothing is expected
+        is_quiet = not users and not self._queries.are_under_way  # nothing is expected
         if heard != self._heard or is_quiet or not self._is_linked:
             self._heard, self._heard_s = heard, now_s
         elif now_s - self._heard_s >= silence_s * self._patience:
             self._check_router()
         if self._queries.are_under_way or not self._is_linked:
             return 0.0
-        return least_s / 2 if listeners else _IDLE_S
+        return least_s / 2 if users else _IDLE_S
 
     # --- the link
 
@@ -193,8 +193,8 @@ class LinkWatch:
 
     def _report_change(self) -> None:
         self._on_moved()
-        for listener in list(self._listeners):
-            listener.link_changed()
+        for user in list(self._users):
+            user.link_changed()
 
     def _end_link(self) -> None:
         """Shut the link's socket down: Zenoh finds it broken, and connects again."""

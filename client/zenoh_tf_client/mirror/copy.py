@@ -48,7 +48,7 @@ class MirrorCopy(MirrorReads):
                 mirror._install(tree)
 
         self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
-        connection.expect(feed, _SILENCE_S)
+        connection.watch_connection(feed, _SILENCE_S)
         self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False

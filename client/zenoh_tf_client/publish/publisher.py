@@ -33,7 +33,7 @@ class Publisher:
         self._calls = connection.calls
         self._calls.add_owner(self)
         self.heard = 0  # nothing answers puts
-        connection.expect(self, _SILENCE_S)
+        connection.watch_connection(self, _SILENCE_S)
         with self._calls:
             self._publisher: zenoh.Publisher | None = connection.session.declare_publisher(
                 key,

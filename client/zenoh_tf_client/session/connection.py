@@ -40,8 +40,8 @@ _OTHER_TREES_PERIOD_S: Final = 0.25
 _OTHER_TREES_TIMEOUT_S: Final = 0.4
 
 
-class Listener(Protocol):
-    """What uses the link without asking."""
+class ConnectionUser(Protocol):
+    """What uses the connection without asking, such as a publisher."""
 
     @property
     def closed(self) -> bool:
@@ -157,8 +157,8 @@ class Connection:
         """Of the latest write that the server has replied to; None if there was none."""
         return self.exchange.seen.last_receipt
 
-    def expect(self, listener: Listener, silence_s: float) -> None:
-        """Check the link when a listener has heard nothing for so long, until it is closed or
+    def watch_connection(self, user: ConnectionUser, silence_s: float) -> None:
+        """Check the link when a user has heard nothing for so long, until it is closed or
         collected, if there is another server to continue at."""
 
     def check_publish(self, authority: str) -> None:
