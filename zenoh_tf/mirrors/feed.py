@@ -170,10 +170,10 @@ class MirrorFeed:
             raise ServerUnavailable("the connection is closed")
         raise TimeoutException(f"the snapshot was not complete within {timeout_s:g} s")
 
-    def link_changed(self) -> None:
-        """Accept that messages may come once more: the other link may lag behind the one before."""
+    def connection_changed(self) -> None:
+        """Accept that messages may come once more: another connection may lag behind the last."""
         with self._changed:
-            self._mirroring.link_changed()
+            self._mirroring.connection_changed()
 
     def close(self) -> None:
         """Listen no more. May be called again."""

@@ -228,8 +228,8 @@ class Mirroring:
         self.contradictions += 1
         self.restart()
 
-    def link_changed(self) -> None:
-        """Another link may bring what has come before."""
+    def connection_changed(self) -> None:
+        """Another connection may bring what has come before."""
         if self._live is not None:
             self._live.overtaken_until = self._live.seq
 

@@ -194,7 +194,7 @@ class LinkWatch:
     def _report_change(self) -> None:
         self._on_moved()
         for user in list(self._users):
-            user.link_changed()
+            user.connection_changed()
 
     def _end_link(self) -> None:
         """Shut the link's socket down: Zenoh finds it broken, and connects again."""

@@ -46,8 +46,8 @@ class Publisher:
         """True once nothing is published any more."""
         return self._publisher is None
 
-    def link_changed(self) -> None:
-        """Zenoh publishes through the new link by itself."""
+    def connection_changed(self) -> None:
+        """Zenoh publishes through the new connection by itself."""
 
     def put(self, payload: bytes) -> None:
         """Publish a message. Raises ServerUnavailable if the publisher or its session is closed."""

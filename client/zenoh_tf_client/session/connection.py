@@ -51,8 +51,8 @@ class ConnectionUser(Protocol):
     def heard(self) -> int:
         """A number that grows with what has come."""
 
-    def link_changed(self) -> None:
-        """Called when the session's link is another one."""
+    def connection_changed(self) -> None:
+        """Called when the session has another connection to the network."""
 
 
 class Connection:
