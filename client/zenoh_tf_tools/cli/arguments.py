@@ -51,7 +51,7 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SOURCE", help="the frame whose pose is asked for")
 
 
-def add_at(parser: argparse.ArgumentParser) -> None:
+def add_live_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", metavar="TIME", type=live_time, help=LIVE_TIMES)
 
 

@@ -13,7 +13,7 @@ from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
 from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands, add_at, add_duration, add_frames
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames, add_live_at
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.quit_key import ends_on_q
 from zenoh_tf_tools.cli.tree import estimate
@@ -66,7 +66,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf wait map base_link --for 1min > /dev/null",
     )
     add_frames(wait)
-    add_at(wait)
+    add_live_at(wait)
     add_duration(wait, "--for", "how long to wait at most (default 10s)", 10.0)
 
 

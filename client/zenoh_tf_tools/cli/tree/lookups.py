@@ -10,9 +10,9 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import (
     Commands,
-    add_at,
     add_duration,
     add_frames,
+    add_live_at,
     add_optional_file,
 )
 from zenoh_tf_tools.cli.connection import connect
@@ -29,7 +29,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf lookup map base_link --at now-0.5s",
     )
     add_frames(lookup)
-    add_at(lookup)
+    add_live_at(lookup)
 
     latest = commands.add(
         "latest",
