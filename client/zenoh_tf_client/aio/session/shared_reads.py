@@ -25,7 +25,8 @@ class SharedReads:
         self.mapped = mapped
 
     async def ask(self, why: Any, request: Request[T]) -> T:
-        """Ask the server, because the tree in memory has returned an AskServer."""
+        """Ask the server, because the caller has read the tree in memory and got `why`, an AskServer.
+        Does not read memory itself."""
         mapped = self.mapped
         mapped.asked[why] += 1
         try:
