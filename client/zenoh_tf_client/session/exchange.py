@@ -176,13 +176,13 @@ class Exchange:
     def _read(self, request: Request[T]) -> Steps[T]:
         timeout_s = self._timeout_s + request.wait_s
         deadline_s = time.monotonic() + timeout_s
-        behind: wire.Message | None = None  # the replica's refusal
+        replica_refusal: wire.Message | None = None
         if self.server is None or self.replica is not None:  # not the common case
             found = yield from self._try_replica(request, deadline_s)
             if found is not None and not wire.is_behind(found):
                 wire.raise_error(found)
                 return request.parse(found)
-            behind = found
+            replica_refusal = found
             timeout_s = max(deadline_s - time.monotonic(), 0.001)
         seen = self.seen.least
         if self.access is None and not self.reads_may_be_old:  # the common case
@@ -191,7 +191,9 @@ class Exchange:
             body = request.body()
             key = self._key(request.request_type, body)
             payload = wire.pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
-        query = ReadQuery(key, self._check_size(payload), timeout_s, deadline_s, behind, seen)
+        query = ReadQuery(
+            key, self._check_size(payload), timeout_s, deadline_s, replica_refusal, seen
+        )
         return (yield from self.finish_read(request, query, (yield query)))
 
     def finish_read(
@@ -209,8 +211,8 @@ class Exchange:
             key, payload = query.key, query.payload
             message = yield from self._retry_while_busy(message, key, payload, query.deadline_s)
             if isinstance(message, NoReply):
-                if query.behind is not None:
-                    wire.raise_error(query.behind)
+                if query.replica_refusal is not None:
+                    wire.raise_error(query.replica_refusal)
                 if message.at_once:
                     yield from self._check_new_rules(request)
                 raise ServerUnavailable(message.reason)

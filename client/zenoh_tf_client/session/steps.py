@@ -30,7 +30,7 @@ class ReadQuery(Ask):
     """The query of a read to the server, with what its reply is judged by."""
 
     deadline_s: float
-    behind: wire.Message | None = None  # the refusal of a replica that was asked before
+    replica_refusal: wire.Message | None = None  # of a replica that was asked before
     seen: Receipt | None = None  # when the query was made
 
 
