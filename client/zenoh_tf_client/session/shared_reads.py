@@ -27,8 +27,8 @@ class SharedReads:
         self.mapped = mapped
 
     def ask(self, why: Any, request: Request[T]) -> T:
-        """Ask the server, because the caller has read the tree in memory and got `why`, an AskServer.
-        Does not read memory itself."""
+        """Ask the server. The caller has read the tree in memory before, which has returned
+        `why`, an AskServer."""
         mapped = self.mapped
         mapped.asked[why] += 1
         try:
