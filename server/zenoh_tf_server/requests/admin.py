@@ -34,16 +34,16 @@ class AdminRequests:
         """
         what = wire.text(message, "what")
         if what == "clear":
-            ticket = self._links.clear(wire.flag(message, "keep_static", True), expires_ns)
+            state_write = self._links.clear(wire.flag(message, "keep_static", True), expires_ns)
             self._log.info("clear", "cleared the tree")
         elif what == "reset":
-            ticket = self._links.reset(expires_ns)
+            state_write = self._links.reset(expires_ns)
             self._log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.name(message, "name", self._name_bytes)
-            ticket = self._links.remove_frame(name, wire.flag(message, "subtree"), expires_ns)
+            state_write = self._links.remove_frame(name, wire.flag(message, "subtree"), expires_ns)
             self._log.info("remove_frame", f"removed frame {quoted(name)}")
         else:
             raise InvalidArgumentException(f"unknown admin request {quoted(what)}", field="what")
-        self._links.wait(ticket)
+        self._links.wait(state_write)
         return {"value": None}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, NotDurable
 
-from ..state.static_links import NO_TICKET
+from ..state.static_links import NO_STATE_WRITE
 from .handler import typed_error
 
 if TYPE_CHECKING:
@@ -78,19 +78,19 @@ class Batch:
 
     def run(self, expires_ns: int | None) -> None:
         """Run all operations; commits only before `expires_ns`."""
-        tickets: dict[int, int] = {}
+        state_writes: dict[int, int] = {}
 
         def commit(body: wire.Message) -> wire.Message:
-            reply, ticket = self._service.run_commit(self._commit(body), expires_ns)
-            if ticket != NO_TICKET:
-                tickets[len(self._replies)] = ticket
+            reply, state_write = self._service.run_commit(self._commit(body), expires_ns)
+            if state_write != NO_STATE_WRITE:
+                state_writes[len(self._replies)] = state_write
             return reply
 
         self._run(commit)
         try:
-            self._service.links.wait(max(tickets.values(), default=NO_TICKET))
+            self._service.links.wait(max(state_writes.values(), default=NO_STATE_WRITE))
         except NotDurable as error:
-            for index in tickets:
+            for index in state_writes:
                 self._replies[index] = self._fit(self._failure(error))
 
     def run_reads(self, outcome: bytes) -> None:

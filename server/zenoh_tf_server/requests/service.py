@@ -30,7 +30,7 @@ from ..ingest.put_commits import Outcome, PutCounters
 from ..ingest.refusals import Refusals
 from ..limits import Limits
 from ..state.file import Stored
-from ..state.static_links import NO_TICKET, StaticLinks, Stores, apply
+from ..state.static_links import NO_STATE_WRITE, StaticLinks, Stores, apply
 from .admin import AdminRequests
 from .batches import Batch
 from .guard import RequestGuard
@@ -208,19 +208,19 @@ class Service(Handler):
         def run(expires_ns: int) -> tuple[bytes, bytes]:
             commit = wire.parse_commit(message)
             self.limits.check("rows", len(commit.rows))
-            stored, ticket = self.run_commit(commit, expires_ns)
-            self.links.wait(ticket)
+            stored, state_write = self.run_commit(commit, expires_ns)
+            self.links.wait(state_write)
             reply = self._pack(stored)
             return reply, reply
 
         self._writes.run(message, reply_to, self.error, "a transaction", run)
 
     def run_commit(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
-        """Run a commit: the fields of its reply, and the ticket of its durability."""
+        """Run a commit: the fields of its reply, and the number of its state write."""
         self._future.check(commit)
         commit.expires_ns = expires_ns
-        stored, ticket = self._store(commit)
-        return self._add_seq(wire.commit_reply(stored)), ticket
+        stored, state_write = self._store(commit)
+        return self._add_seq(wire.commit_reply(stored)), state_write
 
     def _add_seq(self, reply: wire.Message) -> wire.Message:
         """Add a number that is not below that of the write, or of what it was in conflict with."""
@@ -261,8 +261,8 @@ class Service(Handler):
         return outcomes
 
     def _store(self, commit: wire.Commit) -> tuple[Stores, int]:
-        """Commit a call's transaction to the tree: what is stored, and the ticket of its
-        durability."""
+        """Commit a call's transaction to the tree: what is stored, and the number of its
+        state write."""
         self.limits.check_names(commit.rows.name_count)
         if commit.read_names:
             self.limits.check_names(len(commit.read_names))
@@ -272,11 +272,11 @@ class Service(Handler):
         return stored, self._committed(commit, stored)
 
     def _committed(self, commit: wire.Commit, stored: Stores) -> int:
-        """Follow a dynamic commit that the tree has applied. Returns the ticket of its
-        durability."""
+        """Follow a dynamic commit that the tree has applied. Returns the number of its state
+        write."""
         if self.on_commit is not None:
             self.on_commit(commit, stored)
-        return self.links.made_dynamic(commit) if self.links.has_state_file else NO_TICKET
+        return self.links.made_dynamic(commit) if self.links.has_state_file else NO_STATE_WRITE
 
     # --- batches, info and administration
 

@@ -32,8 +32,8 @@ from .writer import StateWriter
 _ANNOUNCE_ATTEMPTS: Final = 5
 #: An announcement of more rows is not tried row by row.
 _MAX_SINGLE_ROWS: Final = 4096
-#: A ticket of nothing.
-NO_TICKET: Final = 0
+#: The number of the state write of a change that stores nothing.
+NO_STATE_WRITE: Final = 0
 
 #: What became of each row: (n,) uint8.
 Stores = NDArray[np.uint8]
@@ -53,7 +53,7 @@ def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
 
 
 class StaticLinks:
-    """Commits and removes static links. What needs storing has a ticket for `wait`."""
+    """Commits and removes static links. What needs storing has a number for `wait`."""
 
     def __init__(
         self,
@@ -84,7 +84,8 @@ class StaticLinks:
         self.has_state_file = writer is not None
 
     def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
-        """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the ticket.
+        """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the number of the state
+        write.
 
         An announcement stores a row only if its frame has no link and none was removed, or has a
         static link that the same authority has published.
@@ -102,23 +103,23 @@ class StaticLinks:
             return self._commit(commit, by_call=by_call)
 
     def made_dynamic(self, commit: wire.Commit) -> int:
-        """Follow a dynamic commit that the tree has applied. Returns the ticket, which is
-        NO_TICKET unless a static link became dynamic."""
+        """Follow a dynamic commit that the tree has applied. Returns the number of its state
+        write: NO_STATE_WRITE unless a static link became dynamic."""
         # A static commit adds its names before the tree applies it. So if the tree has applied
         # this commit after a static one, the name is found here.
         if self._names.isdisjoint(commit.rows.names):
-            return NO_TICKET
+            return NO_STATE_WRITE
         children = {commit.rows.names[index] for index in commit.rows.child.tolist()}
         if children.isdisjoint(self._names):
-            return NO_TICKET
+            return NO_STATE_WRITE
         with self.lock:
             switched = [name for name in children & self._names if not self._is_static(name)]
             self.changes += bool(switched)
             self._drop_names(switched)
             return self._put({(Table.STATIC_LINKS, name): None for name in switched})
 
-    # The next three return the ticket, and raise TimeoutException if they could begin only after
-    # `expires_ns` of the monotonic clock.
+    # The next three return the number of the state write, and raise TimeoutException if they could
+    # begin only after `expires_ns` of the monotonic clock.
 
     def clear(self, keep_static: bool, expires_ns: int) -> int:
         """Drop all samples, and static links unless they are kept."""
@@ -181,14 +182,14 @@ class StaticLinks:
             record = self._record(frame)
             return record is not None and record["parent"] is not None
 
-    def wait(self, ticket: int) -> None:
-        """Wait until a change is durable; not at all for NO_TICKET.
+    def wait(self, state_write: int) -> None:
+        """Wait until a change is durable; not at all for NO_STATE_WRITE.
 
         Raises:
             NotDurable: It was applied, but cannot be stored now.
         """
-        if ticket != NO_TICKET and self._writer is not None:
-            self._writer.wait(ticket)
+        if state_write != NO_STATE_WRITE and self._writer is not None:
+            self._writer.wait(state_write)
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`: what is not stored yet, because of the disk for instance."""
@@ -226,14 +227,16 @@ class StaticLinks:
                 raise
             refusal = error
         # One bad link must not keep the others back: they were set one after another, too.
-        ticket = NO_TICKET
+        state_write = NO_STATE_WRITE
         for row in rows:
             try:
-                ticket = max(ticket, self._announce_rows(commit, rows[row : row + 1], stored))
+                state_write = max(
+                    state_write, self._announce_rows(commit, rows[row : row + 1], stored)
+                )
             except TransformException as error:
                 refusal = error
         self._log.warn(f"announced statics of {commit.authority!r}", f"some refused: {refusal}")
-        return stored, ticket
+        return stored, state_write
 
     def _announce_rows(
         self, commit: wire.Commit, rows: NDArray[np.int64], stored: NDArray[np.uint8]
@@ -245,7 +248,7 @@ class StaticLinks:
             chosen = rows[may]
             self._log_left_out(commit, rows[~may])
             if not chosen.size:
-                return NO_TICKET
+                return NO_STATE_WRITE
             part = replace(
                 commit,
                 rows=commit.rows[chosen],
@@ -254,14 +257,14 @@ class StaticLinks:
                 read_versions=np.array([v for v in versions if v is not None], np.uint64),
             )
             try:
-                _, ticket = self._commit(part, by_call=False)
+                _, state_write = self._commit(part, by_call=False)
             except TransactionConflict:
                 if attempt + 1 == _ANNOUNCE_ATTEMPTS:
                     raise
                 continue
             stored[chosen] = 1
-            return ticket
-        return NO_TICKET
+            return state_write
+        return NO_STATE_WRITE
 
     def _announceable(self, commit: wire.Commit, row: int) -> int | None:
         """The frame's version if the row may be stored, else None."""
@@ -327,7 +330,7 @@ class StaticLinks:
 
     def _put(self, changes: Changes) -> int:
         if not changes or self._writer is None:
-            return NO_TICKET
+            return NO_STATE_WRITE
         return self._writer.put(changes)
 
 

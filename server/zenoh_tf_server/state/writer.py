@@ -34,11 +34,11 @@ class StateWriter:
     def __init__(self, file: StateFile) -> None:
         self._file = file
         self._changed = threading.Condition()
-        # Guarded by the condition. Tickets count the calls of `put`.
+        # Guarded by the condition. Numbers count the calls of `put`.
         self._pending: Changes = {}
-        self._last_ticket = 0
-        self._durable_ticket = 0
-        self._failed_ticket = 0  # the last ticket of the write that failed last
+        self._last_number = 0
+        self._durable_number = 0
+        self._failed_number = 0  # the last number in the write that failed last
         self._failure = ""
         self._writing_since_s: float | None = None
         self._writing = 0  # entries of the write that runs
@@ -46,23 +46,23 @@ class StateWriter:
         self._thread = threads.start("state", self._run)
 
     def put(self, changes: Changes) -> int:
-        """Queue changes to write. Returns the ticket to `wait` for. Never blocks for long."""
+        """Queue changes to write. Returns the number to `wait` for. Never blocks for long."""
         with self._changed:
             self._pending.update(changes)
-            self._last_ticket += 1
+            self._last_number += 1
             self._changed.notify_all()
-            return self._last_ticket
+            return self._last_number
 
-    def wait(self, ticket: int) -> None:
-        """Wait until the changes of a ticket are durable.
+    def wait(self, number: int) -> None:
+        """Wait until the changes with a number, and those before, are durable.
 
         Raises:
             NotDurable: Writing them failed, or took too long. They are tried again.
         """
         started_s = time.monotonic()
         with self._changed:
-            while self._durable_ticket < ticket:
-                if self._failed_ticket >= ticket:
+            while self._durable_number < number:
+                if self._failed_number >= number:
                     raise self._not_durable(self._failure)
                 # Behind a write that hangs for that long already nobody waits: each thread that
                 # waits here is one that serves no other client.
@@ -101,16 +101,16 @@ class StateWriter:
         retry = False
         while True:
             with self._changed:
-                if retry and not self._closing and self._last_ticket == self._failed_ticket:
+                if retry and not self._closing and self._last_number == self._failed_number:
                     self._changed.wait(_RETRY_S)
                 while not self._pending and not self._closing:
                     self._changed.wait()
                 if not self._pending:
                     return
                 batch, self._pending = self._pending, {}
-                ticket, closing = self._last_ticket, self._closing
+                number, closing = self._last_number, self._closing
                 self._writing, self._writing_since_s = len(batch), time.monotonic()
-            failed_before, retry = retry, not self._write(batch, ticket)
+            failed_before, retry = retry, not self._write(batch, number)
             if retry and not failed_before:
                 log.error("cannot store the state %s: %s", self._file.path, self._failure)
             elif failed_before and not retry:
@@ -119,7 +119,7 @@ class StateWriter:
                 log.error("%d entries of the state are lost", len(batch))
                 return
 
-    def _write(self, batch: Changes, ticket: int) -> bool:
+    def _write(self, batch: Changes, number: int) -> bool:
         """Write one batch. False: it failed, and is pending again."""
         try:
             self._file.write(batch)
@@ -129,12 +129,12 @@ class StateWriter:
             with self._changed:
                 self._pending = batch | self._pending
                 self._writing, self._writing_since_s = 0, None
-                self._failed_ticket = ticket
+                self._failed_number = number
                 self._failure = f"{self._file.path}: {error}"
                 self._changed.notify_all()
             return False
         with self._changed:
             self._writing, self._writing_since_s = 0, None
-            self._durable_ticket = ticket
+            self._durable_number = number
             self._changed.notify_all()
         return True
