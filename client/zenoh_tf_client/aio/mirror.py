@@ -12,7 +12,7 @@ from typing import Any, Final, Self, TypeVar
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, TransformArray, wire
 from zenoh_tf.errors import TransformException
 
-from ..mirror.copy import MirrorCopy
+from ..mirror.copy import BaseMirror
 from ..mirror.reads import PLAIN
 from ..requests import lookups
 from ..requests.receipt import Receipt
@@ -35,7 +35,7 @@ if True:  # asynchronous
     _ROUND_S: Final = 1.0
 
 
-class AsyncMirror(MirrorCopy):
+class AsyncMirror(BaseMirror):
     """A copy of the server's tree in this process; made by `AsyncTransformClient.mirror`.
 
     Its lookups are as fast as those of an embedded tree, and send no message. Those with a

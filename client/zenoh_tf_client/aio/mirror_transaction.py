@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
-from ..mirror.copy import MirrorCopy
+from ..mirror.copy import BaseMirror
 from ..mirror.interest import OutsideInterest
 from ..mirror.transaction_reads import CATCH_UP_S, look_up, reads_by_query
 from ..requests.request import Read, Rows, VersionedRead
@@ -28,7 +28,7 @@ class AsyncMirrorTransaction(AsyncTransaction):
     """
 
     def __init__(
-        self, connection: Connection, reads: SharedReads, mirror: MirrorCopy, attempt: int
+        self, connection: Connection, reads: SharedReads, mirror: BaseMirror, attempt: int
     ) -> None:
         super().__init__(connection, reads)
         self._mirror = mirror

@@ -11,7 +11,7 @@ from typing import Self
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
-from ..mirror.copy import MirrorCopy
+from ..mirror.copy import BaseMirror
 from ..mirror.watching import PoseEvent, Terms, Watching
 from ..session.calls import raise_if_forked
 from .session.threads import in_thread
@@ -36,7 +36,7 @@ class AsyncWatch:
         source: The frame whose pose is followed.
     """
 
-    def __init__(self, mirror: MirrorCopy, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: BaseMirror, target: str, source: str, terms: Terms) -> None:
         """Use `AsyncTransformClient.watch` instead."""
         self.target = target
         self.source = source

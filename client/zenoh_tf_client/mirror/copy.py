@@ -22,10 +22,10 @@ from .transaction_reads import OwnWrites
 #: A stream with heartbeats every 0.1 s that is silent for so long may have lost its link.
 _SILENCE_S: Final = 0.4
 
-_all: Final[weakref.WeakSet[MirrorCopy]] = weakref.WeakSet()
+_all: Final[weakref.WeakSet[BaseMirror]] = weakref.WeakSet()
 
 
-class MirrorCopy(MirrorReads):
+class BaseMirror(MirrorReads):
     """A copy of the server's tree, and its lookups. Thread safety: all methods."""
 
     #: The methods of its tree that it has as attributes.

@@ -17,13 +17,13 @@ from ..session.calls import raise_if_forked
 from ..session.connection import Connection
 from ..session.shared_reads import SharedReads
 from ..transaction import Transaction, repeat
-from .copy import MirrorCopy
+from .copy import BaseMirror
 from .transaction import MirrorTransaction
 
 T = TypeVar("T")
 
 
-class Mirror(MirrorCopy):
+class Mirror(BaseMirror):
     """A copy of the server's tree in this process; made by `TransformClient.mirror`.
 
     Its lookups are as fast as those of an embedded tree, and send no message. What they read is

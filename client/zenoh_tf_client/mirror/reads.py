@@ -54,7 +54,7 @@ LATEST: Final = (
 
 
 class MirrorReads(ABC):
-    """A base of `MirrorCopy`, which has the tree."""
+    """A base of `BaseMirror`, which has the tree."""
 
     @property
     @abstractmethod

@@ -13,7 +13,7 @@ from ..requests.request import Read, Rows, VersionedRead
 from ..session.connection import Connection
 from ..session.shared_reads import SharedReads
 from ..transaction import Transaction
-from .copy import MirrorCopy
+from .copy import BaseMirror
 from .interest import OutsideInterest
 from .transaction_reads import CATCH_UP_S, look_up, reads_by_query
 
@@ -29,7 +29,7 @@ class MirrorTransaction(Transaction):
     """
 
     def __init__(
-        self, connection: Connection, reads: SharedReads, mirror: MirrorCopy, attempt: int
+        self, connection: Connection, reads: SharedReads, mirror: BaseMirror, attempt: int
     ) -> None:
         super().__init__(connection, reads)
         self._mirror = mirror

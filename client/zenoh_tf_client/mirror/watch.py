@@ -12,7 +12,7 @@ from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
 from ..session.calls import raise_if_forked
-from .copy import MirrorCopy
+from .copy import BaseMirror
 from .watching import PoseEvent, Terms, Watching
 
 
@@ -33,7 +33,7 @@ class Watch:
         source: The frame whose pose is followed.
     """
 
-    def __init__(self, mirror: MirrorCopy, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: BaseMirror, target: str, source: str, terms: Terms) -> None:
         """Use `TransformClient.watch` instead."""
         self.target = target
         self.source = source
