@@ -170,11 +170,11 @@ def test_one_client_cannot_take_all_connections(server: ServerProcess) -> None:
 
 def test_waiting_clients_take_turns() -> None:
     turns = _Turns(QueueShares(Limits(client_pending_queries=3)), 1)
-    assert turns.begin("running", 10) is None
+    assert turns.queue_if_busy("running", 10) is None
     served: list[str] = []
 
     def serve(client: str) -> None:
-        assert turns.begin(client, 10) is None
+        assert turns.queue_if_busy(client, 10) is None
         served.append(client)
         turns.end()
 
@@ -182,10 +182,10 @@ def test_waiting_clients_take_turns() -> None:
         for index, client in enumerate(("greedy", "greedy", "greedy", "modest")):
             pool.submit(serve, client)
             wait_until(lambda index=index: _waiting(turns) == index + 1)  # type: ignore[misc]
-        assert isinstance(turns.begin("greedy", 10), ServerBusy)
+        assert isinstance(turns.queue_if_busy("greedy", 10), ServerBusy)
         turns.end()
     assert served == ["greedy", "modest", "greedy", "greedy"]
-    assert turns.begin("next", 10) is None
+    assert turns.queue_if_busy("next", 10) is None
 
 
 def _waiting(turns: _Turns) -> int:
