@@ -160,6 +160,7 @@ class Mirroring:
             else:
                 self._apply(copy, message)
             return
+        # The message waits: for the copy, or for missed ones because there is a gap before it.
         size = len(data) + _OVERHEAD_BYTES
         self._waiting.append((message, size))
         self._waiting_bytes += size
