@@ -10,6 +10,8 @@ import pytest
 from tests.processes.servers import ServerProcess
 from tests.support.moving_arm import MS, fill
 from tests.support.waiting import wait_until
+from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree
+from zenoh_tf._core import ChangeLog, ChangeReplay
 from zenoh_tf._net.server_clock import ServerClock, now_ns
 from zenoh_tf.errors import (
     ForwardExtrapolationException,
@@ -88,3 +90,32 @@ def test_an_asynchronous_mirror(server: ServerProcess, client: TransformClient) 
             assert found.error_m == pytest.approx(asked.error_m)
 
     asyncio.run(main())
+
+
+def test_backtests_of_a_mirror_know_late_samples() -> None:
+    """They were kept, but then the history changed otherwise than by newer samples."""
+    end_ns, step_ns = 10**18, 10**8
+    tree = TransformTree(max_log_bytes=1 << 24)
+    log = ChangeLog(tree)
+    log.start()
+    stamps_ns = range(end_ns - 100 * step_ns, end_ns + 1, step_ns)
+    tree.set_transforms_xact(
+        [StampedTransform("map", "base", stamp_ns, Transform()) for stamp_ns in stamps_ns]
+    )
+    mirror = TransformTree(max_log_bytes=1 << 16)
+    replay = ChangeReplay(mirror)
+
+    def follow() -> Estimate:
+        _, last, lost, changes = log.take(1 << 24)
+        assert not lost and changes is not None
+        replay.apply(last, *changes)
+        return mirror.estimate_transform("map", "base", end_ns + step_ns)
+
+    assert follow().error_m < 1e-6
+    wild = [
+        StampedTransform("map", "base", end_ns - step_ns // 2 - i * step_ns, Transform((5, 0, 0)))
+        for i in range(50)
+    ]
+    tree.set_transforms_xact(wild)
+    found = follow()
+    assert found == tree.estimate_transform("map", "base", end_ns + step_ns) and found.error_m > 1

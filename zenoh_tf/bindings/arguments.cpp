@@ -5,8 +5,6 @@ namespace ztf {
 
 nb::str str_of(std::string_view text) { return nb::str(text.data(), text.size()); }
 
-std::string quoted(std::string_view name) { return std::string("'").append(name).append("'"); }
-
 std::string_view text_of(nb::handle name, const char* field) {
   Py_ssize_t size = 0;
   const char* text =

@@ -132,8 +132,6 @@ Query lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_n
 // --- arguments; `field` names the argument in InvalidArgumentException
 
 nb::str str_of(std::string_view text);
-// "'name'"
-std::string quoted(std::string_view name);
 // A str's UTF-8; valid as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
 // The same, of a name that a frame may have; raises for others.

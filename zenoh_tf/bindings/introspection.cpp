@@ -175,7 +175,7 @@ nb::list ancestor_records(const AnyTree& tree, nb::handle target, nb::handle sou
   });
 }
 
-// The fields of zenoh_tf.AuthorityInfo, in the order of first commits.
+// The fields of zenoh_tf.AuthorityInfo, in the order of their ids.
 nb::list authority_records(const Tree& tree) {
   const AuthorityId n = tree.authorities();
   std::vector<std::uint32_t> frames(n + 1);

@@ -16,9 +16,11 @@
 // Leaves, whose holders take no other lock: the mutexes of records/event_log.hpp, of
 // records/change_log.hpp, of a BlockingWaiter (lookups/park.hpp), of shared/lease.hpp, and of
 // estimates/cache.hpp and estimates/limits.hpp.
-// Lookups take none of the mutexes but the giant one. A lookup that retries too often takes the
-// frames' locks.
-// States of a name. Each row is reached from the one before, and the last one is as a new name:
+// Lookups take none of the mutexes but the giant one; estimates also take the leaves of estimates/,
+// and lookups that wait the list's. A lookup that retries too often takes the frames' locks.
+// Readers of mode 2pl share the frames' locks in the order of their walk (modes/two_phase.hpp says
+// why that is no deadlock). States of a name. Each row is reached from the one before, and the last
+// one is as a new name:
 //   state    find()  id           frame                       leaves the state
 //   live     the id  its own      as commits have written it  remove_frame(), reset()
 //   removed  0       its own yet  empty, its version counts   to live by a commit of the name; to
@@ -32,7 +34,9 @@
 //    freed name to a new one, which is_current() notices.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
 //    topology mutex and has checked that no cycle closes.
-// 3. A rejected commit leaves nothing behind, not even a name.
+// 3. A rejected commit leaves nothing behind, not even a name, but for two things: the marks of
+// late
+//    samples (FrameEvents), and ids that were freed to make room (see above).
 // 4. The versions of a name only grow, also if it comes back under another id.
 #pragma once
 

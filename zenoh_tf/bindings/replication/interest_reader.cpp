@@ -70,7 +70,11 @@ void bind_interest_reader(nb::module_& m) {
       .def(nb::init<Tree&, InterestReader::Pairs, bool>(), nb::arg("tree"), nb::arg("pairs"),
            nb::arg("newest_only"), nb::keep_alive<1, 2>())
       .def("read", &Interest::read, nb::arg("with_all"), nb::arg("max_frames"))
-      .def("has_changed", &Interest::has_changed, nb::call_guard<nb::gil_scoped_release>())
+      .def("has_changed",
+           [](const Interest& self) {
+             const GilReleased released;
+             return self.has_changed();
+           })
       .def_prop_ro("frames", &Interest::frames);
   m.def("wait_for_changes", &wait_for_changes, nb::arg("interests"), nb::arg("period_s"),
         nb::arg("timeout_s"));

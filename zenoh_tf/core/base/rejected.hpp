@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 #include "base/code.hpp"
 #include "base/stamp.hpp"
@@ -20,5 +21,10 @@ struct Rejected {
   Stamp stamp = kNoStamp, oldest = kNoStamp, newest = kNoStamp;
   std::int64_t limit = -1, value = -1;
 };
+
+// A name in a message.
+inline std::string quoted(std::string_view name) {
+  return std::string("'").append(name).append("'");
+}
 
 }  // namespace ztf

@@ -7,7 +7,7 @@
 
 namespace ztf {
 
-// Gives the ids of all removed names to new ones. Throws bad_alloc.
+// Frees the ids of all removed names, for new ones. Throws bad_alloc.
 void free_removed_names(TreeState& tree);
 // Makes room for a new authority: frees those that own no frame, up to half of all, the least
 // recently used first. Throws bad_alloc.

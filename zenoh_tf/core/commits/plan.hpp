@@ -7,7 +7,7 @@
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
 // 1. After a retry all steps run again.
-// 2. Planning changes nothing that readers can see but the counters of late samples (FrameEvents),
+// 2. Planning changes nothing that readers can see but the marks of late samples (FrameEvents),
 //    also for a commit that is then rejected. It changes the topology index, until undo_links().
 #pragma once
 

@@ -1,6 +1,6 @@
 // Checks of a commit that need nothing but the request and the options, and the errors of commits.
 //
-// Thread safety: pure functions of their arguments.
+// Thread safety: functions of their arguments, and of the clock.
 #pragma once
 
 #include <time.h>
@@ -13,10 +13,6 @@
 #include "commits/request.hpp"
 
 namespace ztf {
-
-inline std::string quoted(std::string_view name) {
-  return std::string("'").append(name).append("'");
-}
 
 // Formats a count with separators: 1,048,576.
 inline std::string with_separators(std::uint64_t value) {

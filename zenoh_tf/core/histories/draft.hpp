@@ -5,8 +5,8 @@
 //
 // Thread safety: one thread, the only one that writes the frame between construction and publish().
 // Readers of the frame continue until publish().
-// Invariant: the frame's own ring is only read. The first sample that is stored moves the draft to
-// a ring of its own, which nobody else knows.
+// Invariant: the frame's own ring is only read. The first sample that is stored, or parent
+// that is forgotten, moves the draft to a ring of its own, which nobody else knows.
 #pragma once
 
 #include "histories/write.hpp"

@@ -177,7 +177,7 @@ inline FrameId oldest_parent(const Frame& frame, Ring ring) noexcept {
   return parent_at(frame, ring, frame.first.load(std::memory_order_acquire));
 }
 
-// Returns whether a sample is older than newest - cache (rule 1).
+// Returns whether a sample is older than newest - cache (histories/insert.hpp, rule 3).
 inline bool too_old(Stamp stamp, Stamp newest, std::uint64_t cache_ns) noexcept {
   return stamp < newest && span_ns(stamp, newest) > cache_ns;
 }

@@ -145,7 +145,7 @@ class Walker {
       if (!has_link || path.steps.size() == max_depth_) [[unlikely]] {
         path.failure = link.status;
         path.highest_version = step->version;
-        // A past sample whose parent was removed has parent 0 (commits/freed_names.cpp).
+        // A past sample has parent 0 if its parent's id was freed (commits/freed_names.cpp).
         const bool is_root =
             link.status == LinkLookup::Status::root || link.status == LinkLookup::Status::ok;
         path.state = has_link ? State::too_deep : is_root ? State::root : State::no_sample;

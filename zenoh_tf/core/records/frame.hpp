@@ -13,8 +13,8 @@
 // 2. A dynamic frame has `count` samples in its ring, from index `first` on, with strictly
 //    increasing stamps. `latest` and `parent` repeat the newest sample, `oldest_stamp` the oldest.
 // 3. Where `parent_changes` is 0, all samples have the parent `parent`, and the ring's own parents
-//    are unspecified. A sample that is not the newest has parent 0 if its parent was removed
-//    (commits/freed_names.cpp).
+//    are unspecified. A sample that is not the newest has parent 0 if the id of its
+//    parent was freed (commits/freed_names.cpp).
 // 4. `samples_per_ns` is 0 unless parent_changes is 0 and count at least 2.
 // 5. A frame that is not static and has count 0 has no parent: it is a root, new, or cleared.
 // 6. A ring that was replaced or taken away goes to another frame once the frame has a new version
@@ -42,7 +42,7 @@ static_assert(
     "the zenoh-tf core needs a 64-bit target: a ring packs an address and a capacity into "
     "one word, versions are 64-bit words, and names are hashed by 128-bit products");
 
-using FrameId = std::uint32_t;  // 1, 2, ... in order of creation; 0: none
+using FrameId = std::uint32_t;  // 1, 2, ...; freed ones are used again; 0: none
 
 // Prefetches a cache line for writing, so that other cores' copies are invalidated early. On x86-64
 // it names the instruction, as compilers emit a read prefetch without -mprfchw. Every x86-64

@@ -301,6 +301,22 @@ void ChangeReplay::prepare(const ChangeColumns& changes) {
   }
 }
 
+// Returns whether the changes of a frame only add newer samples of the same parent. Requires that
+// they are not applied yet.
+bool ChangeReplay::only_appends(const ChangeColumns& changes, const Target& target) const {
+  const Frame& frame = tree_.frames[target.id];
+  const FrameId parent = frame.parent.load(std::memory_order_relaxed);
+  Stamp newest = frame.latest.stamp.load(std::memory_order_relaxed);
+  for (std::uint32_t i = target.begin; i < target.end; ++i) {
+    const auto [change, row] = steps_[i];
+    if (changes.kind[change] != ChangeKind::sample || changes.stamp[row] <= newest ||
+        parent_of(changes, row) != parent)
+      return false;
+    newest = changes.stamp[row];
+  }
+  return !frame.is_static.load(std::memory_order_relaxed);
+}
+
 // Applies all changes. Requires prepare(), the frames' write locks, and that readers wait.
 void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
   const auto release = std::memory_order_release;
@@ -316,6 +332,7 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
   for (const Target& target : targets_) {
     if (target.after == 0) continue;
     Frame& frame = tree_.frames[target.id];
+    if (!only_appends(changes, target)) increment(tree_.edits[target.id]);
     if (target.draft) {
       replaced(target.draft->publish(frame));
     } else {

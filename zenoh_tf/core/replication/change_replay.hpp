@@ -23,9 +23,10 @@
 // How long readers wait: all frames of a message are locked at once. Histories that take long to
 // write are therefore written before, as drafts; short changes are made in place.
 //
-// Thread safety: one thread at a time replays. Lookups continue meanwhile, as in any tree.
-// Invariant: nobody else writes the tree. Links are not checked for cycles, since the original has
-// done that, and the index of children is not kept.
+// Thread safety: one thread at a time replays. Lookups continue meanwhile, as in any tree, but in
+// one of mode `giant`, whose lookups are not validated. Invariant: nobody else writes the tree.
+// Links are not checked for cycles, since the original has done that, and the index of children is
+// not kept.
 #pragma once
 
 #include <deque>
@@ -47,7 +48,8 @@ class ChangeReplay {
   explicit ChangeReplay(TreeState& tree) noexcept : tree_(tree) {}
 
   // Applies the changes at one instant. `last`: the original was so after this number. Requires
-  // valid columns of fitting lengths. Throws Rejected and bad_alloc; then nothing is changed.
+  // valid columns of fitting lengths. Throws Rejected and bad_alloc; then no frame is
+  // changed, but names and authorities may be new.
   void apply(const ChangeColumns& changes, Seq last);
   // Adds the frames. Throws Rejected and bad_alloc; then some may be missing.
   void load(const FrameColumns& frames);
@@ -84,6 +86,7 @@ class ChangeReplay {
   void add_step(const ChangeColumns& changes, Target& target, Step step) noexcept;
   void prepare(const ChangeColumns& changes);
   [[nodiscard]] bool needs_draft(const ChangeColumns& changes, const Target& target) const;
+  [[nodiscard]] bool only_appends(const ChangeColumns& changes, const Target& target) const;
   void publish(const ChangeColumns& changes) noexcept;
   // Replays a frame's changes into a history, which is InPlace or InDraft.
   template <class History>

@@ -55,7 +55,8 @@ class TextColumn {
 template <class T>
 using ColumnView = std::span<const T>;
 
-// Frames and parents are indices into `names`. No parent (kNoParent): it was removed.
+// Frames and parents are indices into `names`. No parent (kNoParent): its id was
+// freed.
 template <template <class> class Column, class Texts>
 struct BasicChangeColumns {
   Texts names, authorities;
@@ -81,7 +82,8 @@ struct BasicFrameColumns {
   Column<Version> version;
   Column<std::uint8_t> is_static;
   Column<std::uint32_t> authority, count;
-  // By sample, of all frames in turn. No parent (kNoParent): it was removed.
+  // By sample, of all frames in turn. No parent (kNoParent): its id was
+  // freed.
   Column<Stamp> stamp;
   Column<std::uint32_t> parent;
   Column<Pose> pose;
