@@ -61,7 +61,7 @@ class FairShare:
         held, total = self.held(client) + n, self.total + n
         if self._own:
             why = "the request did not run"
-            if n < total > self._limit:
+            if n < total and total > self._limit:
                 return busy(self._limits, self._name, total, why, retry_after_s)
             return busy(self._limits, self._own_name, held, why, retry_after_s)
         if n > self._limit:

@@ -101,7 +101,7 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
         type=whole(1),
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
-        help="threads per type of request (default: processors, 2 to 8)",
+        help="threads per type of request (default: 2 to 8)",
     )
 
 

@@ -292,17 +292,19 @@ def mapped_regions() -> int:
 
 
 def test_connections_leave_nothing_behind(start_sharing: StartServer) -> None:
+    gc.collect()
+    regions = mapped_regions()  # those of other tests' servers
     server = start_sharing()
     with server.connect(reads="shared"):
         pass
-    wait_until(lambda: mapped_regions() == 0)
+    wait_until(lambda: mapped_regions() <= regions)
     descriptors = len(os.listdir("/proc/self/fd"))
     of_server = f"/proc/{server.process.pid}/fd"
     before = len(os.listdir(of_server))
     for _ in range(50):
         with server.connect(reads="shared") as tf:
-            assert tf.reads == "shared" and mapped_regions() == 1
+            assert tf.reads == "shared" and mapped_regions() <= regions + 1
         del tf
-    wait_until(lambda: mapped_regions() == 0)
+    wait_until(lambda: mapped_regions() <= regions)
     wait_until(lambda: len(os.listdir("/proc/self/fd")) <= descriptors + 3)
     wait_until(lambda: len(os.listdir(of_server)) <= before + 3)

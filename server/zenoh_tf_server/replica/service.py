@@ -103,7 +103,7 @@ class ReplicaService(Handler):
         if service is None:
             reply_to(self.error(ServerUnavailable("the replica is stopping")), True)
         else:
-            dated = ReplyWithField(reply_to, wire.REPLICA, lambda: self._dates(state))
+            dated = ReplyWithField(reply_to, wire.REPLICA, lambda: self._freshness(state))
             service.handle(request_type, payload, dated, chunk)
 
     def client_gone(self, client: str) -> None:
@@ -157,7 +157,7 @@ class ReplicaService(Handler):
     def _age_s(self, state: State) -> float:
         return min(self._feed.age_s(state), _MAX_AGE_S)
 
-    def _dates(self, state: State) -> dict[str, int]:
+    def _freshness(self, state: State) -> dict[str, int]:
         """What the reply to a read that began in `state` says of it: how old it is, and more."""
         reach = max(state.seq, self._feed.reach_seq)
         return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
@@ -166,9 +166,10 @@ class ReplicaService(Handler):
         """Check that a read in a copy sees a commit.
 
         Raises:
-            ReplicaBehind: It may not.
+            ReplicaBehind: It has not received that commit yet.
         """
         state = self.state
+        # A primary of the past makes no more commits, and its copy was replaced by a later tree.
         if (state.tree is tree and state.has(instance, seq)) or instance in self._past:
             return
         raise ReplicaBehind(

@@ -275,7 +275,7 @@ class Waiters:
         return waiting
 
     def _remove(self, token: int) -> _WaitingLookup | None:
-        """The same, under the lock; then its rows are to be cancelled, and its timer."""
+        """Remove it as `_take`, which holds the lock and then cancels its rows and its timer."""
         waiting = self._waiting.pop(token, None)
         if waiting is None:
             return None

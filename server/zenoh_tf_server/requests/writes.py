@@ -1,6 +1,7 @@
 """Writes that run at most once, before their expiry, and only on the instance they are meant for.
 
-A write that is sent again gets the first outcome.
+A write that is sent again gets the first outcome. One without an id is not remembered: it runs each
+time that it comes.
 
 Thread safety: all methods.
 Invariant: an outcome is kept until the write's expiry, after which a repeat is refused as expired,

@@ -1,7 +1,8 @@
 """ROS 2 in and out (``--ros2``, ``--ros2-publish``).
 
 `settings` has the flags, `incoming` adds messages to the put queues, `publishers` finds whose they
-are, `prefixes` names the frames, `statics` keeps what publishers latch, and `outgoing` publishes.
+are, `histories` asks publishers for what they keep for late subscribers, `statics` merges what they
+have sent on `/tf_static`, and `outgoing` publishes.
 """
 
 from __future__ import annotations

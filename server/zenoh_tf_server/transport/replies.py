@@ -56,7 +56,7 @@ _PROMPT_S: Final = 0.002
 class Reply:
     """The reply to one query, which is its ReplyCallback, and how much of it is sent.
 
-    `client` is the id of a client that is connected, or empty; `takes_parts`: it joins a reply
+    `client` is the id of a client that is connected, or empty; `in_parts`: it joins a reply
     that comes in parts; `request_bytes`: the length of the request.
     """
 

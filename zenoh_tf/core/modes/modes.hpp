@@ -18,8 +18,8 @@ namespace ztf {
   return tree.options.concurrency == Concurrency::optimistic;
 }
 
-// Runs attempt(guard) until it returns true, in mode giant once: until everything that it read was the tree's state at
-// one instant. `reads` is then the read set.
+// Runs attempt(guard) until it returns true, in mode giant once: until everything that it read was
+// the tree's state at one instant. `reads` is then the read set.
 template <class Attempt>
 void read_transaction(const TreeState& tree, ReadSet& reads, Attempt&& attempt) {
   switch (tree.options.concurrency) {

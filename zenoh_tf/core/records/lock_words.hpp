@@ -95,8 +95,8 @@ class SeqLock {
 
   // Calls read(version) until no write happened during the call, and returns its result. Discarded
   // calls may see torn values. After kOptimisticReads failed attempts it takes the writer lock, so
-  // that it ends however often others write. If the caller holds that lock, nobody else can write, and
-  // the first attempt succeeds.
+  // that it ends however often others write. If the caller holds that lock, nobody else can write,
+  // and the first attempt succeeds.
   template <class Read>
   ZTF_ALWAYS_INLINE auto read_consistent(Read&& read) const {
     static_assert(std::is_nothrow_invocable_v<Read, Version>, "an exception would leave it locked");
