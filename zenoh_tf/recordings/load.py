@@ -39,7 +39,7 @@ def load(
     Args:
         recording: Where they come from. Its counters say what was left out.
         tree: Where they go. It keeps all of them if it was made with `OPTIONS`.
-        on_messages: Told how many messages were committed, now and then.
+        on_messages: Called with the number of messages committed, now and then.
         until_ns: Leave out what was recorded later, in nanoseconds, so that the tree knows what a
             live one knew at that time, which is "now" for its estimates; None for nothing.
         since_ns: As of `Recording.blocks`.

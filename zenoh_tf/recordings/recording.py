@@ -113,7 +113,7 @@ class Recording:
 
         Args:
             max_bytes: How much it may need.
-            on_messages: Told how many messages were read, now and then.
+            on_messages: Called with the number of messages read, now and then.
 
         Returns:
             The first and last stamp of the dynamic transforms; None without one.
