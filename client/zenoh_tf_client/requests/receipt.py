@@ -12,7 +12,7 @@ class Receipt(NamedTuple):
 
     A process may hand it to another one.
 
-    Args:
+    Attributes:
         instance: The server instance.
         seq: The number of a commit: of the write, or of a later one.
     """
