@@ -331,10 +331,10 @@ class Tree(_Reads[Never]):
         expires_ns: int | None = None,
         # A later dynamic row: InvalidArgumentException, field "stamp"; with drop_old it is dropped.
         max_stamp_ns: int | None = None,
-    ) -> NDArray[np.uint8]: ...  # 1 stored, 0 dropped as too old, 2 dropped as from the future
+    ) -> bytes: ...  # of each row: 1 stored, 0 dropped as too old, 2 dropped as from the future
     # Dynamic puts, each a transaction of its own, as `_commit_rows` with drop_old, in their order
-    # and without the interpreter lock. Of each: None, all rows are stored; as bytes what
-    # `_commit_rows` returns; or the error that refused it.
+    # and without the interpreter lock. Of each: None, all rows are stored; what `_commit_rows`
+    # returns; or the error that refused it.
     def _commit_puts(
         self,
         rows: list[TransformRows],

@@ -46,15 +46,15 @@ FAULTS = [
     ),
     Fault(
         "an outcome is forgotten early",
-        "self._entries[request_id] = _Entry(",
-        "self._entries[request_id] = (lambda *a: _Entry(*(1 if each is until_ns else each"
+        "self._entries[write.id] = _Entry(",
+        "self._entries[write.id] = (lambda *a: _Entry(*(1 if each is expires_ns else each"
         " for each in a)))(",
     ),
     Fault(
         "a commit is answered before it is applied",
         "return tree._commit_rows(",
         "return (lambda *a, **k: (__import__('threading').Timer(0.002, tree._commit_rows, a, k)"
-        ".start(), __import__('numpy').ones(len(a[0]), 'uint8'))[1])(",
+        ".start(), b'\\1' * len(a[0]))[1])(",
     ),
     Fault(
         "a lease outlives its server", "self._keeper = LeaseKeeper(tree)", "tree._begin_lease(60.0)"

@@ -5,8 +5,8 @@ A put of transforms carries the same body, but its key gives `authority` and `st
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -70,7 +70,7 @@ class Commit:
     static: bool = False
     drop_old: bool = False  # drop rows that are too old; else they fail the commit
     announce: bool = False  # static: store only what nobody has changed or removed since
-    read_names: list[str] = field(default_factory=list)
+    read_names: Sequence[str] = ()
     read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
     expires_ns: int | None = None  # on the server's clock; it is not sent here but with `Write`
     max_stamp_ns: int | None = None  # of a put, not sent: later dynamic rows are dropped
@@ -148,9 +148,9 @@ def _malformed_rows(body: Message) -> ProtocolError:
     return malformed("names", "names of frames")
 
 
-def commit_reply(stored: NDArray[np.uint8]) -> Message:
+def commit_reply(stored: bytes) -> Message:
     """The reply to a commit, without the envelope's "v" and "instance"."""
-    return {"stored": stored.tobytes()}
+    return {"stored": stored}
 
 
 def parse_commit_reply(reply: Message, rows: int) -> bytes:

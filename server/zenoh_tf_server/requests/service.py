@@ -17,8 +17,6 @@ from itertools import groupby
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import reply_to_lookup
 from zenoh_tf._net import handover
@@ -30,7 +28,7 @@ from ..ingest.put_commits import Outcome, PutCounters
 from ..ingest.refusals import Refusals
 from ..limits import Limits
 from ..state.file import Stored
-from ..state.static_links import NO_STATE_WRITE, StaticLinks, Stores, apply
+from ..state.static_links import NO_STATE_WRITE, StaticLinks, apply
 from .admin import AdminRequests
 from .batches import Batch
 from .guard import RequestGuard
@@ -74,7 +72,7 @@ class Service(Handler):
         #: Number of the tree's last commit, for the replies to writes.
         self.last_seq: Callable[[], int] | None = None
         #: Called with each commit that the tree has applied, and what became of its rows.
-        self.on_commit: Callable[[wire.Commit, Any], None] | None = None
+        self.on_commit: Callable[[wire.Commit, bytes], None] | None = None
         self.links = links or StaticLinks(tree, limits, None, Stored())
         self._admin_requests = AdminRequests(self.links, limits)
         #: Where clients of this host can map the tree; the server that shares it sets it.
@@ -241,10 +239,10 @@ class Service(Handler):
 
     def _commit_static_put(self, put: wire.Commit) -> Outcome:
         try:
-            stored: Stores = self.links.commit(put, by_call=False)[0]
+            stored, _ = self.links.commit(put, by_call=False)
         except Exception as error:
             return error
-        return None if stored.all() else stored.tobytes()
+        return stored if 0 in stored else None
 
     def _commit_dynamic_puts(self, puts: list[wire.Commit]) -> list[Outcome]:
         outcomes: list[Outcome] = self.tree._commit_puts(
@@ -254,13 +252,11 @@ class Service(Handler):
         )
         if self.on_commit is not None or self.links.has_state_file:
             for put, outcome in zip(puts, outcomes, strict=True):
-                if outcome is None:
-                    self._committed(put, np.ones(len(put.rows), np.uint8))
-                elif type(outcome) is bytes:
-                    self._committed(put, np.frombuffer(outcome, np.uint8))
+                if not isinstance(outcome, Exception):
+                    self._committed(put, outcome or b"\1" * len(put.rows))
         return outcomes
 
-    def _store(self, commit: wire.Commit) -> tuple[Stores, int]:
+    def _store(self, commit: wire.Commit) -> tuple[bytes, int]:
         """Commit a call's transaction to the tree: what is stored, and the number of its
         state write."""
         self.limits.check_names(commit.rows.name_count)
@@ -271,7 +267,7 @@ class Service(Handler):
         stored = apply(self.tree, commit)
         return stored, self._committed(commit, stored)
 
-    def _committed(self, commit: wire.Commit, stored: Stores) -> int:
+    def _committed(self, commit: wire.Commit, stored: bytes) -> int:
         """Follow a dynamic commit that the tree has applied. Returns the number of its state
         write."""
         if self.on_commit is not None:

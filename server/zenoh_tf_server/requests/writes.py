@@ -16,7 +16,7 @@ import heapq
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from zenoh_tf import wire
@@ -41,6 +41,10 @@ _RETRY_AFTER_S: Final = 0.1
 _NS: Final = 1_000_000_000
 #: Most time until a write's expiry.
 _MAX_EXPIRY_S: Final = 600
+#: Outcomes are forgotten in the period after the one of their expiry.
+_PERIOD_NS: Final = _NS // 8
+#: A write forgets up to this many expired outcomes: more than it adds, and no long work for one.
+_FORGET_AT_ONCE: Final = 4
 
 #: Runs a write that expires at the given time of the server's clock. Returns the bytes of its reply
 #: and what to remember of it: all or a part.
@@ -59,7 +63,7 @@ class _Entry:
     size: int  # that count against the limit: first those reserved, then those of the outcome
     outcome: bytes | None = None  # None while the write runs
     failed: bool = False
-    waiting: list[OnRepeat] = field(default_factory=list)  # repeats of a running write
+    waiting: tuple[OnRepeat, ...] = ()  # repeats of a running write
 
 
 class Writes:
@@ -70,7 +74,10 @@ class Writes:
         self._limits = limits
         self._lock = threading.Lock()
         self._entries: dict[bytes, _Entry] = {}
-        self._finished: list[tuple[int, bytes]] = []  # a heap of expiries; running writes are not
+        #: The ids of finished writes by the period in which they are forgotten. A heap of all
+        #: expiries would have 15,000 entries for a client that writes without a pause.
+        self._finished: dict[int, list[bytes]] = {}
+        self._periods: list[int] = []  # a heap
         self._count = FairShare(limits, "outcomes")
         self._bytes = FairShare(limits, "outcome_bytes")
 
@@ -112,15 +119,16 @@ class Writes:
             reply_to(run(self._expiry(write.expires_ns, time.monotonic_ns()))[0], False)
             return
 
-        def on_repeat(outcome: bytes, failed: bool) -> None:
-            try:
-                reply = outcome if failed else repeat(outcome)
-            except Exception as error:  # of the reads in the repeat
-                reply, failed = error_reply(error), True
-            reply_to(reply, failed)
-
-        expires_ns = self._begin(write, write.id, reply_to.client, what, reserve, on_repeat)
-        if expires_ns is None:
+        with self._lock:
+            entry = self._entries.get(write.id)
+            if entry is None:
+                now_ns = time.monotonic_ns()
+                expires_ns = self._expiry(write.expires_ns, now_ns)
+                size = _OVERHEAD_BYTES + reserve
+                self._take_share(reply_to.client, size, now_ns)
+                self._entries[write.id] = _Entry(reply_to.client, what, expires_ns, size)
+        if entry is not None:
+            self._repeat(entry, reply_to, error_reply, what, repeat)
             return
         failed = False
         try:
@@ -131,52 +139,54 @@ class Writes:
         self._finish(write.id, outcome, failed)
         reply_to(reply, failed)
 
-    def _begin(
+    def _repeat(
         self,
-        write: wire.Write,
-        request_id: bytes,
-        client: str,
+        entry: _Entry,
+        reply_to: ReplyCallback,
+        error_reply: Callable[[Exception], bytes],
         what: str,
-        reserve: int,
-        on_repeat: OnRepeat,
-    ) -> int | None:
-        """Return the write's expiry: the caller must run it before then, and call `_finish`. None:
-        this is a repeat, and `on_repeat` gets the first outcome, now or when the write ends."""
+        repeat: Repeat,
+    ) -> None:
+        """Reply with the outcome of the first write of that id, now or when it ends."""
+
+        def on_repeat(outcome: bytes, failed: bool) -> None:
+            try:
+                reply = outcome if failed else repeat(outcome)
+            except Exception as error:  # of the reads in the repeat
+                reply, failed = error_reply(error), True
+            reply_to(reply, failed)
+
+        if entry.what != what:
+            raise InvalidArgumentException(
+                f"the id is that of another write, {entry.what}: this one, {what}, did not run",
+                field="id",
+            )
         with self._lock:
-            entry = self._entries.get(request_id)
-            if entry is None:
-                now_ns = time.monotonic_ns()
-                until_ns = self._expiry(write.expires_ns, now_ns)
-                size = _OVERHEAD_BYTES + reserve
-                self._take_share(client, size, now_ns)
-                self._entries[request_id] = _Entry(client, what, until_ns, size)
-                return until_ns
-            if entry.what != what:
-                raise InvalidArgumentException(
-                    f"the id is that of another write, {entry.what}: this one, {what}, did not run",
-                    field="id",
-                )
             if entry.outcome is None:
                 if len(entry.waiting) >= _MAX_REPEATS:
                     raise ServerBusy(
                         "the write runs, and too many repeats of it wait for its outcome",
                         retry_after_s=_RETRY_AFTER_S,
                     )
-                entry.waiting.append(on_repeat)
-                return None
+                entry.waiting += (on_repeat,)
+                return
         on_repeat(entry.outcome, entry.failed)
-        return None
 
     def _finish(self, request_id: bytes, outcome: bytes, failed: bool) -> None:
         """Remember the outcome of a write, and hand it to the repeats that came while it ran."""
         with self._lock:
             entry = self._entries[request_id]
             entry.outcome, entry.failed = outcome, failed
-            waiting, entry.waiting = entry.waiting, []
+            waiting, entry.waiting = entry.waiting, ()
             size = _OVERHEAD_BYTES + len(outcome)
             self._bytes.take(entry.client, size - entry.size)
             entry.size = size
-            heapq.heappush(self._finished, (entry.until_ns, request_id))
+            period = entry.until_ns // _PERIOD_NS + 1
+            ids = self._finished.get(period)
+            if ids is None:
+                ids = self._finished[period] = []
+                heapq.heappush(self._periods, period)
+            ids.append(request_id)
         for on_repeat in waiting:
             on_repeat(outcome, failed)
 
@@ -203,17 +213,30 @@ class Writes:
         return expires_ns
 
     def _take_share(self, client: str, size: int, now_ns: int) -> None:
-        """Forget what has expired, and count one more outcome of a client. Requires the lock."""
-        while self._finished and self._finished[0][0] < now_ns:
-            _, expired = heapq.heappop(self._finished)
-            entry = self._entries.pop(expired)
+        """Count one more outcome of a client. Requires the lock."""
+        self._forget_expired(now_ns, _FORGET_AT_ONCE)
+        if self._count.admit(client, 1):
+            if self._bytes.admit(client, size):
+                return
+            self._count.give_back(client, 1)
+        if self._forget_expired(now_ns, len(self._entries)):  # which may make room
+            self._take_share(client, size, now_ns)
+            return
+        retry_after_s = _RETRY_AFTER_S  # when the next outcomes are forgotten
+        if self._periods:
+            retry_after_s = max(retry_after_s, (self._periods[0] * _PERIOD_NS - now_ns) / _NS)
+        self._count.check(client, 1, retry_after_s)
+        raise self._bytes.refusal(client, size, retry_after_s)
+
+    def _forget_expired(self, now_ns: int, at_most: int) -> int:
+        """Forget outcomes whose writes have expired. Returns how many. Requires the lock."""
+        forgotten = 0
+        while self._periods and self._periods[0] * _PERIOD_NS < now_ns and forgotten < at_most:
+            ids = self._finished[self._periods[0]]
+            entry = self._entries.pop(ids.pop())
             self._count.give_back(entry.client, 1)
             self._bytes.give_back(entry.client, entry.size)
-        retry_after_s = _RETRY_AFTER_S  # when the next outcome is forgotten
-        if self._finished:
-            retry_after_s = max(retry_after_s, (self._finished[0][0] - now_ns) / _NS)
-        if not self._count.admit(client, 1):
-            raise self._count.refusal(client, 1, retry_after_s)
-        if not self._bytes.admit(client, size):
-            self._count.give_back(client, 1)
-            raise self._bytes.refusal(client, size, retry_after_s)
+            forgotten += 1
+            if not ids:
+                del self._finished[heapq.heappop(self._periods)]
+        return forgotten

@@ -36,7 +36,7 @@ from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
 from zenoh_tf.threads import Periodic
 
 from ..rate_limited_log import RateLimitedLog
-from ..state.static_links import StaticLinks, Stores
+from ..state.static_links import StaticLinks
 from .publishers import AUTHORITIES, NODE, is_echo
 from .settings import Ros2Settings
 
@@ -115,7 +115,7 @@ class Outgoing:
             lambda name: any(fnmatchcase(name, pattern) for pattern in settings.publish)
         )
         self._lock = threading.Lock()
-        self._commits: deque[tuple[wire.Commit, Stores]] = deque()
+        self._commits: deque[tuple[wire.Commit, bytes]] = deque()
         self._waiting = 0  # transforms in them
         self._tokens: list[zenoh.LivelinessToken] = []
         self._peers: dict[str, list[_Peer]] = {}
@@ -155,7 +155,7 @@ class Outgoing:
             for peer in peers:
                 peer.publisher.undeclare()
 
-    def committed(self, commit: wire.Commit, stored: Stores) -> None:
+    def committed(self, commit: wire.Commit, stored: bytes) -> None:
         """Queue a commit that the tree has applied."""
         if commit.static or commit.authority.startswith(AUTHORITIES) or is_echo(commit.authority):
             return
@@ -196,9 +196,9 @@ class Outgoing:
         newest: dict[str, _Row] = {}
         for commit, stored in commits:
             names = commit.rows.names
-            columns = (commit.rows.parent, commit.rows.child, commit.rows.stamp, stored)
-            rows = zip(*(column.tolist() for column in columns), commit.rows.pose, strict=True)
-            for parent, child, stamp_ns, kept, pose in rows:
+            columns = (commit.rows.parent, commit.rows.child, commit.rows.stamp)
+            rows = (*(column.tolist() for column in columns), stored, commit.rows.pose)
+            for parent, child, stamp_ns, kept, pose in zip(*rows, strict=True):
                 name = names[child]
                 if kept != 1 or not self._is_chosen(name):
                     continue

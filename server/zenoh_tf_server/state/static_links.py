@@ -35,12 +35,10 @@ _MAX_SINGLE_ROWS: Final = 4096
 #: The number of the state write of a change that stores nothing.
 NO_STATE_WRITE: Final = 0
 
-#: What became of each row: (n,) uint8.
-Stores = NDArray[np.uint8]
 
-
-def apply(tree: TransformTree, commit: wire.Commit) -> Stores:
-    """Commit a transaction to the tree: (n,) uint8, 1 stored, 0 dropped as too old."""
+def apply(tree: TransformTree, commit: wire.Commit) -> bytes:
+    """Commit a transaction to the tree. Returns a byte for each row: 1 stored, 0 dropped as too
+    old."""
     return tree._commit_rows(
         commit.rows,
         authority=commit.authority,
@@ -83,9 +81,9 @@ class StaticLinks:
         #: False: nothing is stored, and dynamic commits need no call of `made_dynamic`.
         self.has_state_file = writer is not None
 
-    def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
-        """Commit static transforms: (n,) uint8, 1 stored or 0 left out, and the number of the state
-        write.
+    def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[bytes, int]:
+        """Commit static transforms. Returns a byte for each row, 1 stored or 0 left out, and the
+        number of the state write.
 
         An announcement stores a row only if its frame has no link and none was removed, or has a
         static link that the same authority has published.
@@ -197,7 +195,7 @@ class StaticLinks:
 
     # --- the rest requires the lock
 
-    def _commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[Stores, int]:
+    def _commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[bytes, int]:
         links = _last_links(commit, by_call=by_call)
         new = links.keys() - self._names
         self._names |= new
@@ -217,11 +215,12 @@ class StaticLinks:
             changes[Table.REMOVED_LINKS, child] = None
         return stored, self._put(changes)
 
-    def _announce(self, commit: wire.Commit) -> tuple[Stores, int]:
+    def _announce(self, commit: wire.Commit) -> tuple[bytes, int]:
         stored = np.zeros(len(commit.rows), np.uint8)
         rows = np.arange(len(commit.rows))
         try:
-            return stored, self._announce_rows(commit, rows, stored)
+            state_write = self._announce_rows(commit, rows, stored)
+            return stored.tobytes(), state_write
         except TransformException as error:
             if not 1 < len(commit.rows) <= _MAX_SINGLE_ROWS:
                 raise
@@ -236,7 +235,7 @@ class StaticLinks:
             except TransformException as error:
                 refusal = error
         self._log.warn(f"announced statics of {commit.authority!r}", f"some refused: {refusal}")
-        return stored, state_write
+        return stored.tobytes(), state_write
 
     def _announce_rows(
         self, commit: wire.Commit, rows: NDArray[np.int64], stored: NDArray[np.uint8]

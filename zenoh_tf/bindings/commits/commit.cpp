@@ -8,10 +8,10 @@ namespace ztf {
 
 namespace {
 
-nb::object commit_rows(Tree& tree, const TransformRows& rows, std::string_view authority,
-                       bool is_static, bool drop_old, nb::handle read_names,
-                       std::optional<Column<Version>> read_versions,
-                       std::optional<std::int64_t> expires, std::optional<Stamp> max_stamp) {
+nb::bytes commit_rows(Tree& tree, const TransformRows& rows, std::string_view authority,
+                      bool is_static, bool drop_old, nb::handle read_names,
+                      std::optional<Column<Version>> read_versions,
+                      std::optional<std::int64_t> expires, std::optional<Stamp> max_stamp) {
   check_name_bytes(tree, rows.texts());
   std::vector<std::string_view> read_texts;
   const std::vector<nb::object> read_objects = names_of(tree, read_names, read_texts, "read_names");
@@ -28,7 +28,7 @@ nb::object commit_rows(Tree& tree, const TransformRows& rows, std::string_view a
   if (expires) request.expires_ns = *expires;
   if (max_stamp) request.max_stamp = *max_stamp;
   commit(tree, request, stored);
-  return array_of(stored);
+  return nb::bytes(reinterpret_cast<const char*>(stored.data()), stored.size());
 }
 
 }  // namespace
