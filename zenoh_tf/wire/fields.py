@@ -41,7 +41,7 @@ Message = dict[str, Any]
 
 _NESTED_TOO_DEEPLY: Final = -2  # returned by decoded_size
 _BIN_32: Final = struct.Struct(">BI")
-_IN_STEPS_FROM_ROWS: Final = 500  # of a reply; steps cost a shorter one more than they spare
+_IN_STEPS_FROM_ROWS: Final = 4000  # of a reply; steps cost a shorter one more than they spare
 _IN_STEPS_FROM: Final = 64 * 1024  # bytes of a batch
 _FEW: Final = 16  # entries of a column: NumPy's fixed cost would dominate their reduction
 

@@ -44,20 +44,24 @@ nb::object error_of_row(const AnyTree& tree, const ReadRows& rows,
 
 }  // namespace
 
-AnswerColumns::AnswerColumns(const ReadRows& rows, const std::vector<Answer>& answers,
-                             const FailureReport& report)
-    : size(answers.size()),
+AnswerColumns::AnswerColumns(std::size_t rows, const FailureReport& report)
+    : size(rows),
       status(std::make_unique_for_overwrite<std::uint8_t[]>(size)),
       stamp(std::make_unique_for_overwrite<Stamp[]>(size)),
       newest(std::make_unique_for_overwrite<Stamp[]>(size)),
-      pose(std::make_unique_for_overwrite<double[]>(7 * size)) {
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  std::size_t most = report.errors ? size : 0;
+      pose(std::make_unique_for_overwrite<double[]>(7 * size)),
+      most_failed_(report.errors ? size : 0) {
   if (report.budget)
-    most = std::min<std::size_t>(most, report.budget->error_bytes / kErrorBytes + 1);
-  double* d = pose.get();
-  for (std::size_t i = 0; i < size; ++i) {
-    const Answer& a = answers[i];
+    most_failed_ =
+        std::min<std::size_t>(most_failed_, report.budget->error_bytes / kErrorBytes + 1);
+}
+
+bool AnswerColumns::add(const ReadRows& rows, std::size_t first, std::span<const Answer> answers) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  bool any_failed = false;
+  double* d = pose.get() + 7 * first;
+  for (std::size_t i = first; i < first + answers.size(); ++i) {
+    const Answer& a = answers[i - first];
     stamp[i] = a.stamp;
     newest[i] = a.newest;
     if (a.failure.code == Code::ok) [[likely]] {
@@ -69,11 +73,12 @@ AnswerColumns::AnswerColumns(const ReadRows& rows, const std::vector<Answer>& an
     status[i] = static_cast<std::uint8_t>(code);
     d = std::fill_n(d, 7, nan);
     any_failed = true;
-    if (failed.size() < most) {
+    if (failed.size() < most_failed_) {
       failed.push_back({i, a.failure});
       failed.back().failure.code = code;
     }
   }
+  return any_failed;
 }
 
 template <class AnyTree>

@@ -15,6 +15,8 @@ namespace {
 
 constexpr std::size_t kReleaseFrom = 16;  // rows from which releasing the GIL pays
 
+constexpr std::size_t kRowsAtOnce = 128;
+
 constexpr std::size_t kMaxQuoted = 64;  // bytes of a name in an error about its length
 
 // Each frame once, in the version that was read first: if a later row read another version, the
@@ -63,11 +65,12 @@ nb::object versions_of(const AnyTree& tree, const ReadRows& rows,
                         }));
 }
 
-// Looks the rows up, and collects what they read if `read_set` is not null. Throws Rejected if an
-// atomic lookup, or the read set, has more than `max_reads` frames.
+// Looks up all rows as one transaction, or each as one of its own, and collects what they read if
+// `read_set` is not null. Throws Rejected if an atomic lookup, or the read set, has more than
+// `max_reads` frames.
 template <class AnyTree>
-void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
-             std::vector<Answer>& answers, FirstReads* read_set) {
+void look_up_xact(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_reads,
+                  std::vector<Answer>& answers, FirstReads* read_set) {
   ReadSet reads;
   if (atomic) {
     for (bool is_current = false; !is_current;) {
@@ -81,12 +84,6 @@ void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_r
       if (is_current && rejection) throw *rejection;
     }
     if (read_set) read_set->add(reads);
-  } else if (!read_set) {
-    tree.lookup_batch(rows.queries, answers);
-    const auto is_current = [&](FrameRef frame) { return tree.is_current(frame); };
-    if (std::ranges::all_of(rows.frames, is_current)) return;
-    for (std::size_t i = 0; i < answers.size(); ++i)
-      rows.look_up_row(tree, i, [&](const Query& query) { tree.lookup(query, answers[i]); });
   } else {
     for (std::size_t i = 0; i < answers.size(); ++i) {
       rows.look_up_row(tree, i, [&](const Query& query) {
@@ -99,9 +96,30 @@ void look_up(const AnyTree& tree, ReadRows& rows, bool atomic, std::size_t max_r
   }
 }
 
+// Looks up each row by itself, and calls add(first row, answers) for some rows at a time: their
+// answers then stay in the processor's cache.
+template <class AnyTree, class Add>
+void look_up_each(const AnyTree& tree, ReadRows& rows, Add&& add) {
+  std::vector<Answer> answers(std::min(kRowsAtOnce, rows.queries.size()));
+  bool ids_are_current = true;  // of the queries
+  for (std::size_t first = 0; first < rows.queries.size(); first += answers.size()) {
+    const std::size_t count = std::min(answers.size(), rows.queries.size() - first);
+    const std::span<Answer> some = std::span(answers).first(count);
+    for (Answer& answer : some) answer.stamp = answer.newest = 0;  // not all lookups set them
+    if (ids_are_current) {
+      tree.lookup_batch(std::span(rows.queries).subspan(first, count), some);
+      ids_are_current =
+          std::ranges::all_of(rows.frames, [&](FrameRef frame) { return tree.is_current(frame); });
+    }
+    for (std::size_t i = 0; i < count && !ids_are_current; ++i)
+      rows.look_up_row(tree, first + i, [&](const Query& query) { tree.lookup(query, some[i]); });
+    add(first, some);
+  }
+}
+
 // Counts the rows that failed because a link was late. Only lookups of a server's clients are
 // counted: those that have a budget.
-void count_failed(const Tree& tree, const std::vector<Answer>& answers) {
+void count_failed(const Tree& tree, std::span<const Answer> answers) {
   const std::int64_t now_ns = real_time_ns();
   for (const Answer& answer : answers) tree.count_failed(answer.failure, now_ns);
 }
@@ -127,11 +145,16 @@ nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uin
         if (q.op == Op::latest) q.op = Op::latest_xact;
     if (budget) links = rows.links(tree, max_links);
     if (links > max_links) return;
+    answered.emplace(rows.queries.size(), report);
+    const auto add = [&](std::size_t first, std::span<const Answer> answers) {
+      [[maybe_unused]] const bool any_failed = answered->add(rows, first, answers);
+      if constexpr (std::is_same_v<AnyTree, Tree>)
+        if (budget && any_failed) count_failed(tree, answers);
+    };
+    if (!atomic && !versions) return look_up_each(tree, rows, add);
     std::vector<Answer> answers(rows.queries.size());
-    look_up(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
-    answered.emplace(rows, answers, report);
-    if constexpr (std::is_same_v<AnyTree, Tree>)
-      if (budget && answered->any_failed) count_failed(tree, answers);
+    look_up_xact(tree, rows, atomic, max_reads, answers, versions ? &read_set : nullptr);
+    add(0, answers);
   };
   try {
     if (op.shape(0) >= kReleaseFrom) {

@@ -89,9 +89,10 @@ struct FailureReport {
 
 // The answers as the columns of a reply. Poses of failed rows are NaN.
 struct AnswerColumns {
-  // Needs no GIL.
-  AnswerColumns(const ReadRows& rows, const std::vector<Answer>& answers,
-                const FailureReport& report);
+  // Columns of `rows` rows, to be filled by `add`. Needs no GIL.
+  AnswerColumns(std::size_t rows, const FailureReport& report);
+  // Adds the answers to the rows from `first` on. Returns true if one has failed. Needs no GIL.
+  bool add(const ReadRows& rows, std::size_t first, std::span<const Answer> answers);
 
   struct Failed {
     std::size_t row;
@@ -101,8 +102,10 @@ struct AnswerColumns {
   std::unique_ptr<std::uint8_t[]> status;
   std::unique_ptr<Stamp[]> stamp, newest;
   std::unique_ptr<double[]> pose;
-  bool any_failed = false;
   std::vector<Failed> failed;  // the rows whose errors may have room in the reply
+
+ private:
+  std::size_t most_failed_;
 };
 
 // (status, stamps, newest stamps, poses, [(row, error)], reads).
