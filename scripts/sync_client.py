@@ -1,6 +1,7 @@
 """Makes the synchronous client's files from those of the asynchronous one, by their syntax trees.
 
-`make format` writes the files, and `make lint` fails if one differs from what would be written.
+`make format` writes the files, with those of `delegates.py`, and `make lint` fails if one differs
+from what would be written.
 
 Editors and the API reference read signatures and docstrings from the source, so both clients have
 to be there. Without `await` a coroutine function is a function, so this direction loses nothing.
@@ -30,7 +31,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from . import sync_texts
+from . import delegates, sync_texts
 
 ROOT = Path(__file__).resolve().parents[1]
 CLIENT = "client/zenoh_tf_client"
@@ -47,9 +48,9 @@ class Unmade(ValueError):
 
 
 def made(read: Callable[[str], str]) -> dict[str, str]:
-    """The text of each synchronous file by its path; `read` returns that of a path."""
+    """The text of each made file by its path; `read` returns that of a path."""
     applied: Counter[str] = Counter()
-    texts = {}
+    texts = {path: _formatted(each.made(read)) for path, each in delegates.MADE.items()}
     for source, target in FILES.items():
         maker = _Maker(source, target, applied)
         texts[os.path.normpath(f"{CLIENT}/{target}")] = maker.made(read(f"{CLIENT}/{source}"))

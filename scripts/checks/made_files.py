@@ -12,6 +12,6 @@ def made_files(repository: Repository) -> Iterator[Violation]:
     """The files that scripts/sync_client.py makes are current, and each of its rules applies."""
     try:
         for path, _ in sync_client.stale(repository.text):
-            yield Violation(path, 1, "differs from what aio/ gives: run make format")
+            yield Violation(path, 1, "differs from what its source gives: run make format")
     except (sync_client.Unmade, SyntaxError) as error:
         yield Violation("scripts/sync_client.py", 1, str(error))

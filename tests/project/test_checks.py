@@ -8,6 +8,7 @@ from scripts.checks import CHECKS
 from scripts.checks.repository import Repository
 
 CLIENT, AIO = "client/zenoh_tf_client", "client/zenoh_tf_client/aio"
+DELEGATES = f"{CLIENT}/mirror/tree_reads.py"
 CORE = "zenoh_tf/core"
 HOW, REF, WHY = "docs/how-to", "docs/reference", "docs/explanation"
 DASHBOARD = "docker/grafana/dashboard.json"
@@ -16,9 +17,9 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("docstrings", "zenoh_tf/_core.pyi", r"\bstamp_ns: int \|", "when: int |", "explain 'when'"),
     ("docstrings", f"{CLIENT}/lookups.py", r"Raises:", "Errors:", "list its errors"),
     ("docstrings", f"{CLIENT}/batch.py", r'"""[^"]*?"""', "", "Batch has no docstring"),
-    ("docstrings", f"{CLIENT}/mirror/reads.py", "As `TransformTree", "See `", "explain 'a'"),
-    ("docstrings", f"{CLIENT}/mirror/reads.py", "As `TransformTree.p", "As `Tree.p", "refer to a"),
-    ("docstrings", f"{CLIENT}/mirror/reads.py", r"a: str, b: str", "b: str, a: str", "other order"),
+    ("docstrings", DELEGATES, "As `TransformTree", "See `", "explain 'a'"),
+    ("docstrings", DELEGATES, "As `TransformTree.p", "As `Tree.p", "refer to a"),
+    ("docstrings", DELEGATES, r"a: str, b: str", "b: str, a: str", "other order"),
     ("docstrings", f"{CLIENT}/mirror/mirror.py", r"float = 0.0", "float = 1.0", "the default"),
     ("made_files", f"{AIO}/client.py", r"async def close", "async def end", "client.py:1: differs"),
     ("made_files", f"{AIO}/watch.py", "timeout_s: float", "timeout_s: int", "watch.py:1: differs"),
@@ -27,6 +28,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("made_files", f"{AIO}/batch.py", r"\Z", "x = 1\n", f"{CLIENT}/batch.py"),
     ("made_files", f"{AIO}/batch.py", r"\Z", "_T: AsyncAny\n", f"{CLIENT}/batch.py"),
     ("made_files", f"{AIO}/batch.py", r"\Z", "asyncio.run\n", "still have 'asyncio'"),
+    ("made_files", "zenoh_tf/tree.py", "points: A", "cloud: A", f"{DELEGATES}:1: differs"),
     ("made_files", f"{AIO}/transaction.py", r"asyncio.sleep", "wait", "apply nowhere: ['asyncio.s"),
     ("imports", "zenoh_tf/_net/keys.py", r"\A", "import yaml\n", "imports yaml"),
     ("folders", "zenoh_tf/core/reads/new.hpp", r"\Z", "", "has 16 files, of at most 15"),

@@ -6,22 +6,13 @@ attributes, because a call of Python's in between would cost half as much as a l
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from zenoh_tf import (
-    Estimate,
-    Explanation,
-    FrameInfo,
-    TransformArray,
-    TransformTree,
-    Velocity,
-)
+from zenoh_tf import Estimate, FrameInfo
 from zenoh_tf.estimate import TreeEstimates
+
+from .tree_reads import TreeReads
 
 if TYPE_CHECKING:
     from zenoh_tf._core_stubs.estimates import EstimateColumns
@@ -53,71 +44,12 @@ LATEST: Final = (
 )
 
 
-class MirrorReads(ABC):
+class MirrorReads(TreeReads):
     """A base of `BaseMirror`, which has the tree."""
-
-    @property
-    @abstractmethod
-    def _tree(self) -> TransformTree:
-        """The tree. Raises ServerUnavailable if the mirror is closed."""
 
     @abstractmethod
     def _now_ns(self) -> int:
         """The time by the server's real-time clock, as far as it is known here."""
-
-    def latest_common_time(self, a: str, b: str) -> int | None:
-        """As `TransformTree.latest_common_time`."""
-        return self._tree.latest_common_time(a, b)
-
-    def lookup_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
-    ) -> TransformArray:
-        """As `TransformTree.lookup_transforms`."""
-        return self._tree.lookup_transforms(targets, sources, stamps_ns)
-
-    def sample(
-        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
-    ) -> TransformArray:
-        """As `TransformTree.sample`."""
-        return self._tree.sample(target, source, stamps_ns)
-
-    def deskew(
-        self,
-        points: ArrayLike,
-        stamps_ns: ArrayLike,
-        source: str,
-        fixed_frame: str,
-        at_ns: int,
-        *,
-        out: NDArray[Any] | None = None,
-    ) -> NDArray[Any]:
-        """As `TransformTree.deskew`."""
-        return self._tree.deskew(points, stamps_ns, source, fixed_frame, at_ns, out=out)
-
-    def lookup_velocity(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None = None,
-        averaging_interval_s: float = 0.1,
-        *,
-        reference_frame: str | None = None,
-        reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
-        reference_point_frame: str | None = None,
-    ) -> Velocity:
-        """As `TransformTree.lookup_velocity`."""
-        return self._tree.lookup_velocity(
-            tracking_frame,
-            observation_frame,
-            stamp_ns,
-            averaging_interval_s,
-            reference_frame=reference_frame,
-            reference_point=reference_point,
-            reference_point_frame=reference_point_frame,
-        )
 
     estimate_transform = TreeEstimates.estimate_transform
     estimate_transforms = TreeEstimates.estimate_transforms
@@ -135,15 +67,3 @@ class MirrorReads(ABC):
     def frame(self, name: str) -> FrameInfo:
         """As `TransformTree.frame`, without the frame's last change."""
         return self._tree.frame(name)
-
-    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        """As `TransformTree.parent`."""
-        return self._tree.parent(frame, stamp_ns)
-
-    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
-        """As `TransformTree.chain`."""
-        return self._tree.chain(target, source, stamp_ns)
-
-    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
-        """As `TransformTree.explain`."""
-        return self._tree.explain(target, source, stamp_ns)

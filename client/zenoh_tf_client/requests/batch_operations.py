@@ -1,5 +1,7 @@
 """The operations that a `Batch` records, one method for each."""
 
+# Made by scripts/delegates.py from lookups.py, estimates.py, writes.py, info.py: edit those.
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -37,10 +39,14 @@ class BatchOperations(ABC):
     def _record(self, request: Request[T]) -> Handle[T]:
         """Add a request to what the batch sends."""
 
+    def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
+        """As `TransformTree.sample`."""
+        return self.lookup_transforms(target, source, stamps_ns)
+
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[StampedTransform]:
-        """As `TransformTree.lookup_transform`."""
+        """As `TransformClient.lookup_transform`."""
         return self._record(lookups.lookup_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_transform_full(
@@ -52,7 +58,7 @@ class BatchOperations(ABC):
         fixed_frame: str,
         timeout_s: float = 0.0,
     ) -> Handle[StampedTransform]:
-        """As `TransformTree.lookup_transform_full`."""
+        """As `TransformClient.lookup_transform_full`."""
         return self._record(
             lookups.lookup_transform_full(
                 target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
@@ -62,21 +68,21 @@ class BatchOperations(ABC):
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
     ) -> Handle[bool]:
-        """As `TransformTree.can_transform`."""
+        """As `TransformClient.can_transform`."""
         return self._record(lookups.can_transform(target, source, stamp_ns, timeout_s))
 
     def lookup_latest_transform(self, target: str, source: str) -> Handle[LatestTransform]:
-        """As `TransformTree.lookup_latest_transform`."""
+        """As `TransformClient.lookup_latest_transform`."""
         return self._record(lookups.lookup_latest_transform(target, source))
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> Handle[LatestTransform]:
-        """As `TransformTree.lookup_latest_transform_xact`."""
+        """As `TransformClient.lookup_latest_transform_xact`."""
         return self._record(lookups.lookup_latest_transform_xact(target, source))
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
     ) -> Handle[list[LatestTransform]]:
-        """As `TransformTree.lookup_latest_transforms_xact`."""
+        """As `TransformClient.lookup_latest_transforms_xact`."""
         return self._record(lookups.lookup_latest_transforms_xact(pairs))
 
     def lookup_transforms(
@@ -85,15 +91,11 @@ class BatchOperations(ABC):
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
     ) -> Handle[TransformArray]:
-        """As `TransformTree.lookup_transforms`."""
+        """As `TransformClient.lookup_transforms`."""
         return self._record(lookups.lookup_transforms(targets, sources, stamps_ns))
 
-    def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
-        """As `TransformTree.sample`."""
-        return self._record(lookups.lookup_transforms(target, source, stamps_ns))
-
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
-        """As `TransformTree.latest_common_time`."""
+        """As `TransformClient.latest_common_time`."""
         return self._record(lookups.latest_common_time(a, b))
 
     def lookup_velocity(
@@ -107,7 +109,7 @@ class BatchOperations(ABC):
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
     ) -> Handle[Velocity]:
-        """As `TransformTree.lookup_velocity`."""
+        """As `TransformClient.lookup_velocity`."""
         return self._record(
             lookups.lookup_velocity(
                 tracking_frame,
@@ -174,29 +176,27 @@ class BatchOperations(ABC):
     def set_transforms_xact(
         self, stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
     ) -> Handle[None]:
-        """As `TransformTree.set_transforms_xact`."""
+        """As `TransformClient.set_transforms_xact`."""
         return self._record(writes.set_transforms_xact(stampeds, authority, static))
 
-    # --- introspection
-
     def frames(self) -> Handle[list[str]]:
-        """As `TransformTree.frames`."""
+        """As `TransformClient.frames`."""
         return self._record(info.frames())
 
     def frame(self, name: str) -> Handle[FrameInfo]:
-        """As `TransformTree.frame`."""
+        """As `TransformClient.frame`."""
         return self._record(info.frame(name))
 
     def authorities(self) -> Handle[list[AuthorityInfo]]:
-        """As `TransformTree.authorities`."""
+        """As `TransformClient.authorities`."""
         return self._record(info.authorities())
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> Handle[str | None]:
-        """As `TransformTree.parent`."""
+        """As `TransformClient.parent`."""
         return self._record(info.parent(frame, stamp_ns))
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> Handle[list[str]]:
-        """As `TransformTree.chain`."""
+        """As `TransformClient.chain`."""
         return self._record(info.chain(target, source, stamp_ns))
 
     def stats(self) -> Handle[dict[str, int]]:
