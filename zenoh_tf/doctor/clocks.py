@@ -6,7 +6,7 @@ from collections import defaultdict
 from typing import Final
 
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
-from zenoh_tf.doctor.words import Evidence, authority, samples, times, window
+from zenoh_tf.doctor.words import Evidence, by_publisher, samples, times, window
 from zenoh_tf.introspection.frame_info import AHEAD_S, is_post_dated
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
@@ -36,19 +36,18 @@ def skewed_clock(facts: TreeFacts) -> Evidence:
                 continue
             if _is_off(least, greatest):
                 yield publisher.name, f"its clock is {_lead(least, greatest)}"
-    for link in facts.dynamic:
-        timing = None if link.seen is None else link.seen.timing
-        if link.frame.authority in known or timing is None or timing.arrivals < _LEAST:
+    for link, seen in facts.seen:
+        timing = seen.timing
+        if link.frame.authority in known or timing.arrivals < _LEAST:
             continue
         if timing.least_lead_ns is not None and timing.greatest_lead_ns is not None:
             least, greatest = timing.least_lead_ns / 1e9, timing.greatest_lead_ns / 1e9
             if _is_off(least, greatest) and not _is_post_dated(facts, link):
                 ahead = "ahead of" if least > 0 else "behind"
                 ends = sorted((abs(least), abs(greatest)))
-                yield (
-                    link.frame.name,
-                    f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s; it "
-                    f"is by {authority(link.frame.authority)}",
+                yield by_publisher(
+                    link,
+                    f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s",
                 )
     for client in facts.clients:
         least, greatest = client.clock_offset_min_s, client.clock_offset_max_s
@@ -65,24 +64,19 @@ def future_stamps(facts: TreeFacts) -> Evidence:
         lead_ns = (link.frame.newest_stamp_ns or 0) - reference
         timing = None if link.seen is None else link.seen.timing
         if timing is not None and timing.strays and timing.stray_lead_ns > AHEAD_S * 1e9:
-            yield (
-                link.frame.name,
+            yield by_publisher(
+                link,
                 f"{timing.strays:,} of its {samples(timing.arrivals)} had a stamp far from those "
-                f"before and after it, {age(timing.stray_lead_ns)} ahead of the clock; it is by "
-                f"{authority(link.frame.authority)}",
+                f"before and after it, {age(timing.stray_lead_ns)} ahead of the clock",
             )
         elif (stray := _cleared_stray(facts, link)) is not None:
-            yield link.frame.name, stray
+            yield by_publisher(link, stray)
         elif (
             lead_ns > AHEAD_S * 1e9
             and not is_of_other_epoch(facts, link)
             and not _is_post_dated(facts, link)
         ):
-            yield (
-                link.frame.name,
-                f"its newest stamp is {age(lead_ns)} ahead of the clock; it is by "
-                f"{authority(link.frame.authority)}",
-            )
+            yield by_publisher(link, f"its newest stamp is {age(lead_ns)} ahead of the clock")
 
 
 def repeated_stamps(facts: TreeFacts) -> Evidence:
@@ -91,10 +85,9 @@ def repeated_stamps(facts: TreeFacts) -> Evidence:
         arrivals = 0 if link.seen is None else link.seen.timing.arrivals
         part = _REPEATED_PART * (arrivals or frame.samples)
         if count >= max(_REPEATED, part):
-            yield (
-                frame.name,
-                f"{count:,} samples had a stamp that the link had already"
-                f"{window(facts, link, 'rewritten')}; it is by {authority(frame.authority)}",
+            since = window(facts, link, "rewritten")
+            yield by_publisher(
+                link, f"{count:,} samples had a stamp that the link had already{since}"
             )
 
 
@@ -123,9 +116,8 @@ def time_jumps(facts: TreeFacts) -> Evidence:
 
 def drift(facts: TreeFacts) -> Evidence:
     found: dict[str, list[float]] = defaultdict(list)
-    for link in facts.dynamic:
-        rate = 0.0 if link.seen is None else link.seen.timing.drift
-        if rate:
+    for link, seen in facts.seen:
+        if rate := seen.timing.drift:
             # A recording's topic has links of many computers.
             has_name = link.frame.authority and not facts.is_complete
             found[link.frame.authority if has_name else link.frame.name].append(rate)
@@ -155,51 +147,47 @@ def other_epoch(facts: TreeFacts) -> Evidence:
         if is_of_other_epoch(facts, link):
             newest_ns = link.frame.newest_stamp_ns or 0
             kind = ", as of a simulation" if newest_ns < SIMULATED_NS else ""
-            yield (
-                link.frame.name,
+            yield by_publisher(
+                link,
                 f"its newest stamp is {seconds(newest_ns)} s{kind}, but other links have stamps "
-                f"of the clock, which is at {seconds(facts.now_ns)} s; it is by "
-                f"{authority(link.frame.authority)}",
+                f"of the clock, which is at {seconds(facts.now_ns)} s",
             )
 
 
 def jitter(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
-        timing = None if link.seen is None else link.seen.timing
-        if timing is not None and timing.jitter_ns:
-            yield (
-                link.frame.name,
-                f"the delay from stamp to arrival varies by {age(round(timing.jitter_ns))}, and "
-                f"the stamps are irregular, although they come at {link.frame.rate_hz or 0:.1f} "
-                f"Hz; it is by {authority(link.frame.authority)}",
+    for link, seen in facts.seen:
+        if seen.timing.jitter_ns:
+            yield by_publisher(
+                link,
+                f"the delay from stamp to arrival varies by {age(round(seen.timing.jitter_ns))}, "
+                "and the stamps are irregular, although they come at "
+                f"{link.frame.rate_hz or 0:.1f} Hz",
             )
 
 
 def backwards(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
-        timing = None if link.seen is None else link.seen.timing
-        if timing is not None and timing.backwards:
-            yield (
-                link.frame.name,
+    for link, seen in facts.seen:
+        timing = seen.timing
+        if timing.backwards:
+            yield by_publisher(
+                link,
                 f"{timing.backwards:,} of {samples(timing.arrivals)} came after newer ones, which "
-                f"were up to {age(timing.backwards_ns)} newer; it is by "
-                f"{authority(link.frame.authority)}",
+                f"were up to {age(timing.backwards_ns)} newer",
             )
 
 
 def bursts(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
+    for link, seen in facts.seen:
         pauses = [pause for pause in facts.pauses(link) if not pause.is_gap]
         waits_ns = [pause.end_ns - pause.start_ns for pause in pauses]
-        if len(pauses) < _BURSTS or link.seen is None:
+        if len(pauses) < _BURSTS:
             continue
         if sum(waits_ns) > _BURSTS_PART * (pauses[-1].end_ns - pauses[0].start_ns):
-            yield (
-                link.frame.name,
+            yield by_publisher(
+                link,
                 f"nothing came {times(len(waits_ns))} for up to {age(max(waits_ns))}, and then "
                 f"samples for all of that time at once, every "
-                f"{age(round(link.seen.timing.period_ns or 0))} by their stamps; it is by "
-                f"{authority(link.frame.authority)}",
+                f"{age(round(seen.timing.period_ns or 0))} by their stamps",
             )
 
 
@@ -214,8 +202,7 @@ def _cleared_stray(facts: TreeFacts, link: LinkFacts) -> str | None:
         return None
     return (
         f"a stamp was {age(lead_ns)} ahead of the clock {age(max(0, round(ago_s * 1e9)))} ago, and "
-        "its history was cleared when samples with earlier stamps followed; it is by "
-        f"{authority(link.frame.authority)}"
+        "its history was cleared when samples with earlier stamps followed"
     )
 
 

@@ -110,6 +110,11 @@ class TreeFacts:
         ]
 
     @cached_property
+    def seen(self) -> list[tuple[LinkFacts, Seen]]:
+        """Those of the dynamic links whose samples were observed, with what was seen of them."""
+        return [(link, link.seen) for link in self.dynamic if link.seen is not None]
+
+    @cached_property
     def reference(self) -> tuple[int, bool]:
         """The time that ages are counted from, and whether it is the clock's."""
         stamps = (link.frame.newest_stamp_ns or 0 for link in self.dynamic)
@@ -163,12 +168,11 @@ class TreeFacts:
     def _is_shared(self, link: LinkFacts, pause: Pause) -> bool:
         length_ns = pause.end_ns - pause.start_ns
         others = [
-            timing
-            for timing in (other.seen.timing for other in self.dynamic if other.seen is not None)
-            if link.seen is not None
-            and timing is not link.seen.timing
-            and (timing.period_ns or length_ns) * PAUSE_PERIODS < length_ns
-            and (timing.last_ns or 0) >= pause.end_ns
+            seen.timing
+            for other, seen in self.seen
+            if other is not link
+            and (seen.timing.period_ns or length_ns) * PAUSE_PERIODS < length_ns
+            and (seen.timing.last_ns or 0) >= pause.end_ns
         ][:_COMPARED]
         return bool(others) and all(
             any(

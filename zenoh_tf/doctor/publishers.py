@@ -118,10 +118,10 @@ def stopped(facts: TreeFacts) -> Evidence:
 
 
 def sagging(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
+    for link, seen in facts.seen:
         gaps_ns = [pause.end_ns - pause.start_ns for pause in facts.pauses(link) if pause.is_gap]
-        if gaps_ns and link.seen is not None:
-            period_ns = link.seen.timing.period_ns or 0.0
+        if gaps_ns:
+            period_ns = seen.timing.period_ns or 0.0
             if max(gaps_ns) > max(_GAP_S * 1e9, _GAP_PERIODS * period_ns):
                 yield (
                     link.frame.name,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
-from zenoh_tf.doctor.words import Evidence, authority, length, listed, shift, times
+from zenoh_tf.doctor.words import Evidence, authority, by_publisher, length, listed, shift, times
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import age, seconds
 
@@ -61,41 +61,38 @@ def replaced(facts: TreeFacts) -> Evidence:
 
 
 def jumps(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
-        jump = None if link.seen is None else link.seen.motion.jump
-        if jump is None or link.seen is None:
+    for link, seen in facts.seen:
+        jump = seen.motion.jump
+        if jump is None:
             continue
-        more = link.seen.motion.jumps - 1
+        more = seen.motion.jumps - 1
         again = f"; {times(more)} more since" if more else ""
-        yield (
-            link.frame.name,
+        yield by_publisher(
+            link,
             f"it moved {shift(jump.shift_m, jump.turn_rad)} within {age(round(jump.took_s * 1e9))} "
             f"at {seconds(jump.stamp_ns)} s, and otherwise at most at {jump.usual_m_s:.2f} m/s"
-            f"{again}; it is by {authority(link.frame.authority)}",
+            f"{again}",
         )
 
 
 def frozen(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
-        freeze = None if link.seen is None else link.seen.motion.freeze
+    for link, seen in facts.seen:
+        freeze = seen.motion.freeze
         if freeze is None:
             continue
-        others = [other for other in facts.dynamic if other is not link and other.seen is not None]
+        others = [each for each in facts.seen if each[0] is not link]
         half_ns = (freeze.start_ns + freeze.end_ns) // 2
         moving = [
-            other.frame.name
-            for other in others
-            if other.seen is not None and (other.seen.motion.moved_ns or half_ns) > half_ns
+            other.frame.name for other, its in others if (its.motion.moved_ns or half_ns) > half_ns
         ]
         if others and not moving:
             continue  # all of it stands still
         meanwhile = f", while {listed(moving)} moved" if moving else ""
-        yield (
-            link.frame.name,
+        yield by_publisher(
+            link,
             f"its pose is the same to the last bit in {freeze.samples + 1:,} samples over "
             f"{age(freeze.end_ns - freeze.start_ns)}{meanwhile}; before, it moved at "
-            f"{freeze.speed_m_s:.2f} m/s and {freeze.speed_rad_s:.2f} rad/s; it is by "
-            f"{authority(link.frame.authority)}",
+            f"{freeze.speed_m_s:.2f} m/s and {freeze.speed_rad_s:.2f} rad/s",
         )
 
 
@@ -109,17 +106,11 @@ def millimetres(facts: TreeFacts) -> Evidence:
             metres = jump.shift_m if jump is not None else change.shift_m if change else 0.0
             yield link.frame.name, f"its length changed about 1,000 times, by {length(metres)}"
         elif seen.motion.speed_m_s > _FAST_M_S:
-            yield (
-                link.frame.name,
-                f"it moves at {seen.motion.speed_m_s:,.0f} m/s; it is by "
-                f"{authority(link.frame.authority)}",
-            )
+            yield by_publisher(link, f"it moves at {seen.motion.speed_m_s:,.0f} m/s")
         elif (usual_m := _too_far(facts, link)) is not None:
             others = f", and the other parts of that body {length(usual_m)}" if usual_m else ""
-            yield (
-                link.frame.name,
-                f"it is {length(_distance_m(link))} from {quoted(link.frame.parent)}{others}; it "
-                f"is by {authority(link.frame.authority)}",
+            yield by_publisher(
+                link, f"it is {length(_distance_m(link))} from {quoted(link.frame.parent)}{others}"
             )
 
 
@@ -139,16 +130,15 @@ def optical(facts: TreeFacts) -> Evidence:
 
 
 def wobbling(facts: TreeFacts) -> Evidence:
-    for link in facts.dynamic:
+    for link, seen in facts.seen:
         name, parent = _last_part(link.frame.name), _last_part(link.frame.parent)
-        if link.seen is None or parent in _WORLDS or not _SENSOR.search(name):
+        if parent in _WORLDS or not _SENSOR.search(name):
             continue
-        wobble_m = link.seen.motion.wobble_m
+        wobble_m = seen.motion.wobble_m
         if _WOBBLE_M[0] < wobble_m < _WOBBLE_M[1]:
-            yield (
-                link.frame.name,
-                f"it moves by {length(wobble_m)} about its place in {quoted(link.frame.parent)}; "
-                f"it is by {authority(link.frame.authority)}",
+            yield by_publisher(
+                link,
+                f"it moves by {length(wobble_m)} about its place in {quoted(link.frame.parent)}",
             )
 
 

@@ -19,6 +19,11 @@ def authority(name: str) -> str:
     return quoted(name) if name else "a publisher without a name"
 
 
+def by_publisher(link: LinkFacts, evidence: str) -> tuple[str, str]:
+    """Return a link as the subject, and the evidence with who wrote the link."""
+    return link.frame.name, f"{evidence}; it is by {authority(link.frame.authority)}"
+
+
 def listed(names: list[str]) -> str:
     """Return the first of many names, and how many more there are."""
     more = f" and {len(names) - _SHOWN:,} more" if len(names) > _SHOWN else ""
