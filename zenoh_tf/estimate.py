@@ -202,29 +202,11 @@ class Estimator(Protocol[NoAnswer_co]):
 
     def _now_ns(self) -> int: ...
 
-    def _estimate(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-        /,
-    ) -> Estimate | NoAnswer_co: ...
-
-    def _estimate_columns(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-        /,
-    ) -> EstimateColumns | NoAnswer_co: ...
+    # The same methods of `_core_stubs.reads.Reads`, which say what they are called with.
+    @property
+    def _estimate(self) -> Callable[..., Estimate | NoAnswer_co]: ...
+    @property
+    def _estimate_columns(self) -> Callable[..., EstimateColumns | NoAnswer_co]: ...
 
 
 class TreeEstimates(_core.Tree):

@@ -1,7 +1,7 @@
 """What trees and shared trees have: a stub that others import, not a module at run time."""
 
 from collections.abc import Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,20 @@ from zenoh_tf._core_stubs.estimates import Estimate, EstimateColumns
 from zenoh_tf._core_stubs.transform import Rows
 
 N = TypeVar("N")  # what stands for an answer that there is not: AskServer, or Never
+
+T_co = TypeVar("T_co", covariant=True)
+
+class _AskEstimate(Protocol[T_co]):
+    def __call__(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,  # None: now_ns
+        now_ns: int,
+        level: float,
+        max_by_ns: int,
+        radius_m: float,
+    ) -> T_co: ...
 
 class Reads(Generic[N]):
     def _velocity_record(
@@ -57,26 +71,8 @@ class Reads(Generic[N]):
     def _ancestor_records(
         self, target: str, source: str, stamp_ns: int | None
     ) -> list[dict[str, Any]] | N: ...
-    def _estimate(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,  # None: now_ns
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> Estimate | N: ...
-    def _estimate_record(
-        self,
-        target_frame: str,
-        source_frame: str,
-        stamp_ns: int | None,  # None: now_ns
-        now_ns: int,
-        level: float,
-        max_by_ns: int,
-        radius_m: float,
-    ) -> dict[str, Any] | N: ...  # Estimate's fields
+    _estimate: _AskEstimate[Estimate | N]
+    _estimate_record: _AskEstimate[dict[str, Any] | N]  # Estimate's fields
     def _estimate_columns(
         self,
         targets: str | Sequence[str],
