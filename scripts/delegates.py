@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import ast
 import textwrap
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 CLIENT = "client/zenoh_tf_client"
 
@@ -22,17 +22,22 @@ class Delegate:
     Args:
         head: The file's text up to the methods that are made.
         sources: By file the functions or methods to call.
-        call: The method's result; `{call}` stands for the call, `{module}` for its file.
+        body: What the methods do; `{call}` stands for the call, `{module}` for its file.
         owner: The class whose method of the same name has the docstring.
-        returns: What takes the place of the result's outer type, as `Handle` of `Request`; None:
-            the result is that of what is called.
+        docs: By method what its docstring has behind the name of that method; by default a full
+            stop.
+        returns: What takes the place of the result's outer type, as `Handle` of `Request`; empty:
+            nothing does. None: the result is that of what is called.
+        is_async: Whether the methods are coroutine functions.
     """
 
     head: str
     sources: dict[str, tuple[str, ...]]
-    call: str
+    body: str
     owner: str
+    docs: Mapping[str, str] = field(default_factory=dict)
     returns: str | None = None
+    is_async: bool = False
 
     def made(self, read: Callable[[str], str]) -> str:
         methods, imports = [], set()
@@ -56,7 +61,7 @@ class Delegate:
             parts += ["\n", textwrap.indent(method, "    "), "\n"]
         return "".join(parts)
 
-    def _method(self, path: str, function: ast.FunctionDef) -> ast.FunctionDef:
+    def _method(self, path: str, function: ast.FunctionDef) -> ast.stmt:
         """The method that calls a function."""
         arguments = function.args
         positional = [each for each in arguments.args if each.arg != "self"]
@@ -65,11 +70,16 @@ class Delegate:
             *(f"{each.arg}={each.arg}" for each in arguments.kwonlyargs),
         ]
         module = path.rpartition("/")[2].partition(".")[0]
-        call = self.call.format(module=module, call=f"{function.name}({', '.join(passed)})")
+        body = self.body.format(module=module, call=f"{function.name}({', '.join(passed)})")
+        doc = f"As `{self.owner}.{function.name}`{self.docs.get(function.name, '.')}"
+        if "\n" in doc:
+            doc = f"{textwrap.indent(doc, '    ').lstrip()}\n    "
         returns = function.returns
         if self.returns is not None and isinstance(returns, ast.Subscript):
-            returns = ast.Subscript(ast.Name(self.returns), returns.slice)
-        return ast.FunctionDef(
+            inner = returns.slice
+            returns = ast.Subscript(ast.Name(self.returns), inner) if self.returns else inner
+        kind = ast.AsyncFunctionDef if self.is_async else ast.FunctionDef
+        return kind(
             name=function.name,
             args=ast.arguments(
                 posonlyargs=[],
@@ -78,7 +88,7 @@ class Delegate:
                 kw_defaults=arguments.kw_defaults,
                 defaults=arguments.defaults,
             ),
-            body=ast.parse(f'"""As `{self.owner}.{function.name}`."""\nreturn {call}').body,
+            body=[ast.Expr(ast.Constant(doc)), *ast.parse(body).body],
             decorator_list=[],
             returns=returns,
         )
@@ -138,7 +148,7 @@ class BatchOperations(ABC):
                 *("frames", "frame", "authorities", "parent", "chain", "stats"),
             ),
         },
-        call="self._record({module}.{call})",
+        body="return self._record({module}.{call})",
         owner="TransformClient",
         returns="Handle",
     ),
@@ -167,7 +177,67 @@ class TreeReads(ABC):
                 *("lookup_transforms", "sample", "deskew", "lookup_velocity", "explain"),
             ),
         },
-        call="self._tree.{call}",
+        body="return self._tree.{call}",
         owner="TransformTree",
+    ),
+    f"{CLIENT}/aio/reads.py": Delegate(
+        '''\
+"""Reads of `AsyncTransformClient` that need nothing of their own."""
+
+from __future__ import annotations
+
+from zenoh_tf.shared_tree import AskServer, SharedTree
+
+from ..requests import estimates, info, lookups
+from .session.shared_reads import SharedReads
+
+
+class AsyncReads:
+    """A base of `AsyncTransformClient`, which says how to read.
+
+    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
+    asks the server.
+    """
+
+    _reads: SharedReads
+    #: The server's memory. Lookups there take so little time that every step before them counts.
+    _tree: SharedTree
+''',
+        {
+            f"{CLIENT}/requests/lookups.py": (
+                *("can_transform", "lookup_transforms", "latest_common_time", "lookup_velocity"),
+            ),
+            f"{CLIENT}/requests/estimates.py": ("estimate_transform", "estimate_transforms"),
+            f"{CLIENT}/requests/info.py": ("frame", "parent", "chain"),
+        },
+        body="""\
+found = self._tree.{call}
+if type(found) is not AskServer:
+    return found
+return await self._reads.ask(found, {module}.{call})
+""",
+        owner="TransformTree",
+        docs={
+            "can_transform": "; the server waits, up to 3600 s.",
+            "lookup_transforms": ", in one request.",
+            "estimate_transform": """\
+; now is by the server's clock.
+
+Raises:
+    ServiceException: As for every call; see the class.
+
+Example:
+    ``X = (await tf.estimate_transform("map", "base", max_error_m=0.02)).transform``""",
+            "estimate_transforms": """\
+, in one request; now is by the server's clock.
+
+Raises:
+    ServiceException: As for every call; see the class.
+
+Example:
+    ``near = (await tf.estimate_transforms("map", arms, None)).error_m < 0.02``""",
+        },
+        returns="",
+        is_async=True,
     ),
 }

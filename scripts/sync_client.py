@@ -53,7 +53,8 @@ def made(read: Callable[[str], str]) -> dict[str, str]:
     texts = {path: _formatted(each.made(read)) for path, each in delegates.MADE.items()}
     for source, target in FILES.items():
         maker = _Maker(source, target, applied)
-        texts[os.path.normpath(f"{CLIENT}/{target}")] = maker.made(read(f"{CLIENT}/{source}"))
+        path = f"{CLIENT}/{source}"
+        texts[os.path.normpath(f"{CLIENT}/{target}")] = maker.made(texts.get(path) or read(path))
     rules = (
         *(*sync_texts.NAMES, *sync_texts.CALLS, *sync_texts.IN_THREAD, *sync_texts.SENTENCES),
         *(*sync_texts.MODULES, *(sync_texts.OWN_TEXTS.keys() - sync_texts.FILES.keys())),
@@ -78,7 +79,7 @@ class _Maker:
             if text.count(before) != 1:
                 raise Unmade(f"{self._source} must have this text once: {before!r}")
             text = text.replace(before, after)
-        text = self.code(_chosen(text))
+        text = self.code(_chosen(re.sub(r"(?m)^# Made by .*\n\n", "", text)))
         first = text.index("from __future__")
         line = f"# Made by scripts/sync_client.py from {CLIENT}/{self._source}: edit that.\n\n"
         text = _formatted(text[:first] + line + text[first:])

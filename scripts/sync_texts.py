@@ -4,7 +4,7 @@ from __future__ import annotations
 
 #: By module of `aio/` the synchronous module, from which it is made.
 FILES = {
-    **{name: name for name in ("lookups", "estimates", "writes")},
+    **{name: name for name in ("reads", "lookups", "writes")},
     **{name: name for name in ("introspection", "transaction", "batch")},
     "broadcaster": "publish/broadcaster",
     "mirror": "mirror/mirror",

@@ -14,7 +14,6 @@ from zenoh_tf.gate import Gate
 from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
-from .estimates import Estimates
 from .failover.connection import open_connection
 from .introspection import Introspection
 from .lookups import Lookups
@@ -32,7 +31,7 @@ from .writes import Writes
 T = TypeVar("T")
 
 
-class TransformClient(Lookups, Estimates, Writes, Introspection):
+class TransformClient(Lookups, Writes, Introspection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,

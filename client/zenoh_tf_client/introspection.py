@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
+from zenoh_tf import AuthorityInfo, ClientInfo, Explanation
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
@@ -35,13 +35,6 @@ class Introspection:
             names += page
         return names
 
-    def frame(self, name: str) -> FrameInfo:
-        """As `TransformTree.frame`."""
-        found = self._reads.mapped.tree.frame(name)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, info.frame(name))
-
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
         frames = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
@@ -64,20 +57,6 @@ class Introspection:
             ServiceException: As for every call; see the class.
         """
         return self._connection.call(info.clients())
-
-    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        """As `TransformTree.parent`."""
-        found = self._reads.mapped.tree.parent(frame, stamp_ns)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, info.parent(frame, stamp_ns))
-
-    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
-        """As `TransformTree.chain`."""
-        found = self._reads.mapped.tree.chain(target, source, stamp_ns)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, info.chain(target, source, stamp_ns))
 
     def stats(self) -> dict[str, int]:
         """As `TransformTree.stats`, with the counters of the server and of how this client reads.

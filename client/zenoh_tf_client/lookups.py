@@ -9,24 +9,16 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from zenoh_tf import LatestTransform, StampedTransform, TransformArray, Velocity
+from zenoh_tf import LatestTransform, StampedTransform, TransformArray
 from zenoh_tf.points import Sweep, deskew
-from zenoh_tf.shared_tree import AskServer, SharedTree
+from zenoh_tf.shared_tree import AskServer
 
+from .reads import Reads
 from .requests import lookups
-from .session.shared_reads import SharedReads
 
 
-class Lookups:
-    """A base of `TransformClient`, which says how to read.
-
-    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
-    asks the server.
-    """
-
-    _reads: SharedReads
-    #: The server's memory. Lookups there take so little time that every step before them counts.
-    _tree: SharedTree
+class Lookups(Reads):
+    """A base of `TransformClient`."""
 
     def lookup_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -80,15 +72,6 @@ class Lookups:
         )
         return self._reads.ask(found, request)
 
-    def can_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> bool:
-        """As `TransformTree.can_transform`; the server waits, up to 3600 s."""
-        found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookups.can_transform(target, source, stamp_ns, timeout_s))
-
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """As `TransformTree.lookup_latest_transform`."""
         found = self._tree.lookup_latest_transform(target, source)
@@ -134,18 +117,6 @@ class Lookups:
             return found
         return self._reads.ask(found, lookups.lookup_latest_transforms_xact(pairs))
 
-    def lookup_transforms(
-        self,
-        targets: str | Sequence[str],
-        sources: str | Sequence[str],
-        stamps_ns: ArrayLike | None,
-    ) -> TransformArray:
-        """As `TransformTree.lookup_transforms`, in one request."""
-        found = self._tree.lookup_transforms(targets, sources, stamps_ns)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookups.lookup_transforms(targets, sources, stamps_ns))
-
     def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
         """As `TransformTree.sample`, in one request.
 
@@ -153,42 +124,6 @@ class Lookups:
             ``path = tf.sample("map", "camera", stamps_ns).translations``
         """
         return self.lookup_transforms(target, source, stamps_ns)
-
-    def latest_common_time(self, a: str, b: str) -> int | None:
-        """As `TransformTree.latest_common_time`."""
-        found = self._tree.latest_common_time(a, b)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, lookups.latest_common_time(a, b))
-
-    def lookup_velocity(
-        self,
-        tracking_frame: str,
-        observation_frame: str,
-        stamp_ns: int | None = None,
-        averaging_interval_s: float = 0.1,
-        *,
-        reference_frame: str | None = None,
-        reference_point: ArrayLike = (0.0, 0.0, 0.0),
-        reference_point_frame: str | None = None,
-    ) -> Velocity:
-        """As `TransformTree.lookup_velocity`."""
-        window = tracking_frame, observation_frame, stamp_ns, averaging_interval_s
-        found = self._tree.lookup_velocity(
-            *window,
-            reference_frame=reference_frame,
-            reference_point=reference_point,
-            reference_point_frame=reference_point_frame,
-        )
-        if type(found) is not AskServer:
-            return found
-        request = lookups.lookup_velocity(
-            *window,
-            reference_frame=reference_frame,
-            reference_point=reference_point,
-            reference_point_frame=reference_point_frame,
-        )
-        return self._reads.ask(found, request)
 
     def deskew(
         self,

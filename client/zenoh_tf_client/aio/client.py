@@ -17,7 +17,6 @@ from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TR
 from ..session.mapped_tree import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
-from .estimates import AsyncEstimates
 from .gate import AsyncGate
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
@@ -32,7 +31,7 @@ from .writes import AsyncWrites
 T = TypeVar("T")
 
 
-class AsyncTransformClient(AsyncLookups, AsyncEstimates, AsyncWrites, AsyncIntrospection):
+class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
     """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
 
     It has the methods of `TransformClient` as coroutines, with the same arguments, results and

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
+from zenoh_tf import AuthorityInfo, ClientInfo, Explanation
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
@@ -33,13 +33,6 @@ class AsyncIntrospection:
             names += page
         return names
 
-    async def frame(self, name: str) -> FrameInfo:
-        """As `TransformTree.frame`."""
-        found = self._reads.mapped.tree.frame(name)
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(found, info.frame(name))
-
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
         frames = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
@@ -62,20 +55,6 @@ class AsyncIntrospection:
             ServiceException: As for every call; see the class.
         """
         return await self._connection.call(info.clients())
-
-    async def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
-        """As `TransformTree.parent`."""
-        found = self._reads.mapped.tree.parent(frame, stamp_ns)
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(found, info.parent(frame, stamp_ns))
-
-    async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
-        """As `TransformTree.chain`."""
-        found = self._reads.mapped.tree.chain(target, source, stamp_ns)
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(found, info.chain(target, source, stamp_ns))
 
     async def stats(self) -> dict[str, int]:
         """As `TransformTree.stats`, with the counters of the server and of how this client reads.
