@@ -40,12 +40,16 @@ class Delegate:
     is_async: bool = False
 
     def made(self, read: Callable[[str], str]) -> str:
+        """The file's text, not formatted; `read` returns that of a path. Raises ValueError if what
+        is to be called is not there."""
         methods, imports = [], set()
         for path, names in self.sources.items():
             tree = ast.parse(read(path))
             functions = {
                 node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
             }
+            if missing := set(names) - functions.keys():
+                raise ValueError(f"{path} has no functions {sorted(missing)}")
             made = [self._method(path, functions[name]) for name in names]
             used = {
                 node.id for each in made for node in ast.walk(each) if isinstance(node, ast.Name)
@@ -172,13 +176,14 @@ class TreeReads(ABC):
         """The tree. Raises ServerUnavailable if the mirror is closed."""
 ''',
         {
-            "zenoh_tf/_core.pyi": ("latest_common_time", "parent", "chain"),
+            "zenoh_tf/_core.pyi": ("latest_common_time", "frames", "parent", "chain"),
             "zenoh_tf/tree.py": (
-                *("lookup_transforms", "sample", "deskew", "lookup_velocity", "explain"),
+                *("lookup_transforms", "sample", "deskew", "lookup_velocity", "frame", "explain"),
             ),
         },
         body="return self._tree.{call}",
         owner="TransformTree",
+        docs={"frames": ", in any order.", "frame": ", without the frame's last change."},
     ),
     f"{CLIENT}/aio/reads.py": Delegate(
         '''\

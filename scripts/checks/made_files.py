@@ -1,4 +1,5 @@
-"""The synchronous client is made from the asynchronous one, so that it has the same methods."""
+"""The synchronous client is made from the asynchronous one, so that it has the same methods; and
+some classes from what their methods call, so that these have the same arguments."""
 
 from __future__ import annotations
 
@@ -13,5 +14,5 @@ def made_files(repository: Repository) -> Iterator[Violation]:
     try:
         for path, _ in sync_client.stale(repository.text):
             yield Violation(path, 1, "differs from what its source gives: run make format")
-    except (sync_client.Unmade, SyntaxError) as error:
+    except (ValueError, SyntaxError) as error:
         yield Violation("scripts/sync_client.py", 1, str(error))

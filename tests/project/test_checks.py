@@ -29,6 +29,7 @@ PLANTED: list[tuple[str, str, str, str, str]] = [
     ("made_files", f"{AIO}/batch.py", r"\Z", "_T: AsyncAny\n", f"{CLIENT}/batch.py"),
     ("made_files", f"{AIO}/batch.py", r"\Z", "asyncio.run\n", "still have 'asyncio'"),
     ("made_files", "zenoh_tf/tree.py", "points: A", "cloud: A", f"{DELEGATES}:1: differs"),
+    ("made_files", f"{CLIENT}/requests/info.py", "def chain", "def path", "functions ['chain']"),
     ("made_files", f"{AIO}/transaction.py", r"asyncio.sleep", "wait", "apply nowhere: ['asyncio.s"),
     ("imports", "zenoh_tf/_net/keys.py", r"\A", "import yaml\n", "imports yaml"),
     ("folders", "zenoh_tf/core/reads/new.hpp", r"\Z", "", "has 16 files, of at most 15"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Any, Final
 
-from zenoh_tf import Estimate, FrameInfo
+from zenoh_tf import Estimate
 from zenoh_tf.estimate import TreeEstimates
 
 from .tree_reads import TreeReads
@@ -59,11 +59,3 @@ class MirrorReads(TreeReads):
 
     def _estimate_columns(self, *arguments: Any) -> EstimateColumns:
         return self._tree._estimate_columns(*arguments)
-
-    def frames(self) -> list[str]:
-        """As `TransformTree.frames`, in any order."""
-        return self._tree.frames()
-
-    def frame(self, name: str) -> FrameInfo:
-        """As `TransformTree.frame`, without the frame's last change."""
-        return self._tree.frame(name)

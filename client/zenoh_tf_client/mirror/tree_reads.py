@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from zenoh_tf import TransformTree
 from zenoh_tf.array import TransformArray
 from zenoh_tf.introspection.explanation import Explanation
+from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.velocity import Velocity
 
 
@@ -28,6 +29,10 @@ class TreeReads(ABC):
     def latest_common_time(self, a: str, b: str) -> int | None:
         """As `TransformTree.latest_common_time`."""
         return self._tree.latest_common_time(a, b)
+
+    def frames(self) -> list[str]:
+        """As `TransformTree.frames`, in any order."""
+        return self._tree.frames()
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """As `TransformTree.parent`."""
@@ -86,6 +91,10 @@ class TreeReads(ABC):
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
         )
+
+    def frame(self, name: str) -> FrameInfo:
+        """As `TransformTree.frame`, without the frame's last change."""
+        return self._tree.frame(name)
 
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
