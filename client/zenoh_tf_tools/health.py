@@ -13,7 +13,7 @@ import sys
 
 from zenoh_tf.errors import ServerBusy, TransformException
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import duration
+from zenoh_tf.text.time_flags import duration
 from zenoh_tf_client.session import environment
 from zenoh_tf_tools.cli.connection import add_credentials, connect
 

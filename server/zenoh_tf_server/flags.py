@@ -16,7 +16,8 @@ from typing import Final
 
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import TransformException
-from zenoh_tf.text.flag_values import duration, whole
+from zenoh_tf.text.flag_values import whole
+from zenoh_tf.text.time_flags import duration
 
 from . import config_file, limit_flags
 from .federation import settings as federation

@@ -12,16 +12,8 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf.text.flag_values import (
-    angle,
-    duration,
-    length,
-    live_time,
-    number,
-    recorded_time,
-    size,
-    whole,
-)
+from zenoh_tf.text.flag_values import angle, length, number, size, whole
+from zenoh_tf.text.time_flags import duration, live_time, recorded_time
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli.output import when
 

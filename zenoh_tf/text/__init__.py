@@ -1,8 +1,8 @@
 """Text that people read or write: names of others, made safe to show, and the values of flags.
 
-`escapes` shows what others have chosen, `times` stamps and ages, `flag_values` is the grammar of
-times, durations and numbers, and `similar` finds the name that was probably meant. Imports nothing
-of the library.
+`escapes` shows what others have chosen, `times` stamps and ages. `time_flags` reads the times and
+durations of flags, `flag_values` their numbers. `similar` finds the name that was probably meant.
+Imports nothing of the library.
 """
 
 from zenoh_tf.text.escapes import cut as cut

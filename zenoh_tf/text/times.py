@@ -1,4 +1,4 @@
-"""Times and lengths of time as people read them; `flag_values.py` reads what people write."""
+"""Times and lengths of time as people read them; `time_flags.py` reads what people write."""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from zenoh_tf.text.flag_values import LIVE_TIMES, MAX_DURATION_S, duration, live_time, whole
+from zenoh_tf.text.flag_values import whole
+from zenoh_tf.text.time_flags import LIVE_TIMES, MAX_DURATION_S, duration, live_time
 
 
 class Commands:

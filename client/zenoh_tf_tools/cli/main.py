@@ -24,7 +24,7 @@ from zenoh_tf import (
     TransformException,
 )
 from zenoh_tf.recordings import RecordingError
-from zenoh_tf.text.flag_values import duration
+from zenoh_tf.text.time_flags import duration
 from zenoh_tf.text.times import age
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE

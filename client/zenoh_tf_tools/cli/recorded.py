@@ -18,7 +18,7 @@ from zenoh_tf.recordings import (
     open_recording,
 )
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import LIVE_TIMES, RECORDED_TIMES, RecordedTime, recorded_time
+from zenoh_tf.text.time_flags import LIVE_TIMES, RECORDED_TIMES, RecordedTime, recorded_time
 from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.errors import CommandError

@@ -17,7 +17,8 @@ from typing import Literal
 from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
-from zenoh_tf.text.flag_values import MAX_DURATION_S, number
+from zenoh_tf.text.flag_values import number
+from zenoh_tf.text.time_flags import MAX_DURATION_S
 
 DEFAULT_MAX_FUTURE_S = 3600.0
 

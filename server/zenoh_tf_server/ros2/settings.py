@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 
-from zenoh_tf.text.flag_values import duration, frames, number, whole
+from zenoh_tf.text.flag_values import frames, number, whole
+from zenoh_tf.text.time_flags import duration
 
 from ..ingest.prefixes import PrefixRule, parse_rule
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from zenoh_tf import StampedTransform, TransformArray, TransformTree, export
 from zenoh_tf.recordings import MAX_MEMORY_BYTES
 from zenoh_tf.text import quoted
-from zenoh_tf.text.flag_values import RECORDED_TIMES, recorded_time, size
+from zenoh_tf.text.flag_values import size
+from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_duration

@@ -12,7 +12,8 @@ from zenoh_tf import ServerUnavailable, StampedTransform, Transform, TransformTr
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import Recording, load, open_recording
 from zenoh_tf.recordings.load import valid_commits
-from zenoh_tf.text.flag_values import RECORDED_TIMES, number
+from zenoh_tf.text.flag_values import number
+from zenoh_tf.text.time_flags import RECORDED_TIMES
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect

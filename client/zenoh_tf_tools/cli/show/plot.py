@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import RECORDED_TIMES
+from zenoh_tf.text.time_flags import RECORDED_TIMES
 from zenoh_tf.text.times import age as age_text
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames, add_optional_file

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from zenoh_tf.doctor import RecordedFacts, TreeFacts
 from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import RECORDED_TIMES, number, recorded_time, whole
+from zenoh_tf.text.flag_values import number, whole
+from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen, add_optional_file

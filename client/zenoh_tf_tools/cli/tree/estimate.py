@@ -11,7 +11,8 @@ import numpy as np
 from zenoh_tf import Estimate, FrameInfo, StampedTransform, TransformException, TransformTree
 from zenoh_tf.recordings import OPTIONS, load
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import angle, duration, length, live_time, number, recorded_time
+from zenoh_tf.text.flag_values import angle, length, number
+from zenoh_tf.text.time_flags import duration, live_time, recorded_time
 from zenoh_tf.text.times import age
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded

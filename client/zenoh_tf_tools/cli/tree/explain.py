@@ -6,7 +6,7 @@ import argparse
 
 from zenoh_tf import Explanation, TransformException
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import live_time, recorded_time
+from zenoh_tf.text.time_flags import live_time, recorded_time
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from zenoh_tf import TransformTree, Velocity
-from zenoh_tf.text.flag_values import live_time, recorded_time
+from zenoh_tf.text.time_flags import live_time, recorded_time
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import (

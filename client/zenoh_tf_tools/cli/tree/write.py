@@ -9,7 +9,8 @@ from typing import Final
 
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import LIVE_TIMES, angle, live_time, number
+from zenoh_tf.text.flag_values import angle, number
+from zenoh_tf.text.time_flags import LIVE_TIMES, live_time
 from zenoh_tf.text.times import seconds
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_authority
