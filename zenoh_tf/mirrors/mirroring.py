@@ -6,6 +6,8 @@ sends the requests that it is given, once it listens to the stream (docs/referen
     plan ──> pieces ──> catching up ──> complete ──(gap)──> missed ──> complete
       ^___________________________________________________________|  forgotten, or a new server
 
+`gaps.py` has the messages that wait because others are missing before them.
+
 A copy is complete, and may be read, once it has all that the server had done when the last piece
 was read. Until then, and while a new copy is made, the last complete one stays as it is.
 
@@ -15,7 +17,6 @@ Invariant: `tree` is always as the server's tree was after the commit with the n
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -31,6 +32,7 @@ from ..errors import (
 )
 from ..tree import TransformTree
 from .copy import Copy, Observer
+from .gaps import Gap
 from .source import State
 
 #: Requests for pieces that are under way at once.
@@ -40,8 +42,6 @@ _IN_FLIGHT: Final = 2
 _TRANSIENT: Final = (ServerBusy, ServerUnavailable, TimeoutException)
 #: Most bytes of messages that wait for a snapshot or for missed ones.
 MAX_WAITING_BYTES: Final = 256 << 20
-#: What a message costs beside its bytes, roughly.
-_OVERHEAD_BYTES: Final = 1000
 #: No server draws so many commit numbers between two messages.
 _MAX_NUMBERS: Final = 1 << 24
 
@@ -91,22 +91,18 @@ class Mirroring:
         self._keeps_tree = keeps_tree
         self._make_tree = make_tree
         self._interest = interest
-        self._max_waiting_bytes = max_waiting_bytes
         self._live: Copy | None = None  # the last complete copy
         self._next: Copy | None = None  # that replaces it
-        self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
-        self._waiting_bytes = 0
+        self._gap = Gap(max_waiting_bytes)
         self._requests: dict[
             int, wire.SnapshotRequest | None
         ] = {}  # under way; None: the plan, or missed ones
         self._number = 0
         self._wants_plan = True
-        self._has_gap = False  # between the copy and the messages that wait: ask for missed ones
         #: How many were begun.
         self.snapshots = 0
         #: How often a message could not be of the server, and the copy was given up.
         self.contradictions = 0
-        self._asked_for = 0  # the last number when missed messages were requested
 
     # --- what the owner reads
 
@@ -121,7 +117,7 @@ class Mirroring:
         live = self._live
         if live is None:
             return State()
-        synced = not (self._next or self._wants_plan or self._waiting)
+        synced = not (self._next or self._wants_plan or self._gap)
         return State(live.tree, live.instance, live.seq, live.clock_ns, synced)
 
     @property
@@ -150,7 +146,7 @@ class Mirroring:
         elif (
             copy is not None
             and copy is self._live
-            and not self._waiting
+            and not self._gap
             and message.first <= copy.seq + 1
         ):
             if copy.repeats and message.first > max(copy.repeats):
@@ -161,13 +157,10 @@ class Mirroring:
                 self._apply(copy, message)
             return
         # The message waits: for the copy, or for missed ones because there is a gap before it.
-        size = len(data) + _OVERHEAD_BYTES
-        self._waiting.append((message, size))
-        self._waiting_bytes += size
-        if self._waiting_bytes > self._max_waiting_bytes:
-            self.restart()
-        else:
+        if self._gap.add(message, len(data)):
             self._advance()
+        else:
+            self.restart()
 
     def take_requests(self) -> list[MirrorRequest]:
         """The requests to send now. Each is given once, until it is answered or has failed."""
@@ -182,10 +175,8 @@ class Mirroring:
         while copy.pieces and len(self._requests) < _IN_FLIGHT:
             piece = copy.pieces.popleft()
             found.append(self._request("snapshot", piece, wire.snapshot_request(piece)))
-        if self._has_gap and not self._requests:
-            self._asked_for = max((m.last for m, _ in self._waiting), default=0)
-            body = wire.missed_request(copy.instance, copy.seq + 1, self._interest)
-            found.append(self._request("missed", None, body))
+        if self._gap.is_open and not self._requests:
+            found.append(self._request("missed", None, self._gap.request(copy, self._interest)))
         return found
 
     def awaits(self, number: int) -> bool:
@@ -237,10 +228,9 @@ class Mirroring:
     def restart(self) -> None:
         """Restart with a snapshot; the last complete copy stays until the new one is."""
         self._next = None
-        self._wants_plan, self._has_gap = True, False
+        self._wants_plan = True
         self._requests.clear()
-        self._waiting.clear()
-        self._waiting_bytes = 0
+        self._gap.clear()
 
     # --- how a copy proceeds
 
@@ -265,27 +255,18 @@ class Mirroring:
         self._next = Copy(instance, plan, tree, self._observer, replay)
         self.snapshots += 1
         self._wants_plan = False
-        kept = [(m, size) for m, size in self._waiting if m.instance == instance]
-        self._waiting = deque(kept)
-        self._waiting_bytes = sum(size for _, size in kept)
+        self._gap.keep_only(instance)
 
     def _take_missed(self, messages: list[bytes], last: int) -> None:
         """`last`: the last number that the server has sent."""
         copy = self._copy
         assert copy is not None
-        if self._asked_for > last:
+        if self._gap.asked_until > last:
             self.contradicted()
-            return
-        if not messages:  # the server has evicted them, so the gap cannot be closed
+        elif not messages:  # the server has evicted them, so the gap cannot be closed
             self.restart()
-            return
-        copy.repeats.clear()
-        for data in messages:
-            message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
-            if message.first <= copy.seq + 1:
-                copy.repeats[message.last] = hash(data)
-                copy.apply(message)
-        self._has_gap = False
+        else:
+            self._gap.close(copy, messages)
 
     def _apply(self, copy: Copy, message: wire.StreamMessage) -> None:
         try:
@@ -298,12 +279,9 @@ class Mirroring:
         copy = self._copy
         if copy is None or copy.loading:
             return
-        while self._waiting and self._waiting[0][0].first <= copy.seq + 1:
-            message, size = self._waiting.popleft()
-            self._waiting_bytes -= size
+        while (message := self._gap.take_next(copy.seq)) is not None:
             self._apply(copy, message)
             if self._copy is not copy:
                 return
-        self._has_gap = bool(self._waiting)  # the first of them does not follow the copy
         if copy is self._next and copy.is_complete:
             self._live, self._next = copy, None
