@@ -49,9 +49,9 @@ FAULTS = [
     Fault(
         "a commit leaves the version as it was",
         ("optimistic",),
-        "records/lock_words.hpp",
-        "word_.store(before + kIncrement, std::memory_order_release);",
-        "word_.store(before, std::memory_order_release);",
+        "records/versions.hpp",
+        "return before + kVersionStep;",
+        "return before;",
     ),
     Fault(
         "write locks are released before the writes",

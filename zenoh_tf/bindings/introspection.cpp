@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "bindings/reads/budget.hpp"
-#include "replication/change_replay.hpp"
+#include "records/versions.hpp"
 
 namespace ztf {
 

@@ -64,7 +64,7 @@ TEST_EACH_MODE(rows_in_any_order_and_twice_do_not_block) {
   });
   threads.join();
   for (int i = 1; i <= kLinks; ++i)
-    CHECK_EQ(w.info(link(i)).version / SeqLock::kIncrement, Version{3 * kCommits + 1});
+    CHECK_EQ(w.info(link(i)).version / kVersionStep, Version{3 * kCommits + 1});
 }
 
 // A lookup that retries discards what it has composed. The chain's length changes from commit to
@@ -132,5 +132,5 @@ TEST_EACH_MODE(far_more_threads_than_processors_make_progress) {
     });
   }
   threads.join();
-  CHECK_EQ(w.info("f1").version / SeqLock::kIncrement, Version{12 * kEach + 1});
+  CHECK_EQ(w.info("f1").version / kVersionStep, Version{12 * kEach + 1});
 }

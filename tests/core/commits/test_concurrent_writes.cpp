@@ -138,10 +138,9 @@ TEST_EACH_MODE(opposite_orders_do_not_block) {
     }
   });
   threads.join();
-  const Version commits = w.info("f0").version / SeqLock::kIncrement;
+  const Version commits = w.info("f0").version / kVersionStep;
   CHECK_EQ(commits, Version{600});
-  for (int k = 1; k < kFrames; ++k)
-    CHECK_EQ(w.info(nth("f", k)).version / SeqLock::kIncrement, commits);
+  for (int k = 1; k < kFrames; ++k) CHECK_EQ(w.info(nth("f", k)).version / kVersionStep, commits);
 }
 
 // Readers that keep a frame locked in turn, so that it is hardly ever free, give way to a writer.

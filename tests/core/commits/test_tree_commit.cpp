@@ -132,7 +132,7 @@ TEST_EACH_MODE(unsorted_and_duplicate_rows) {
   // Of several static rows the newest one wins.
   w.accept({{"s", "t", 2, at_x(2)}, {"s", "t", 1, at_x(1)}}, {.is_static = true});
   CHECK_EQ(w.at("s", "t", 0).pose.x, 2);
-  CHECK_EQ(w.info("y").version, SeqLock::kIncrement);  // one commit, one version
+  CHECK_EQ(w.info("y").version, kVersionStep);  // one commit, one version
 }
 
 TEST_EACH_MODE(cycles_are_refused) {

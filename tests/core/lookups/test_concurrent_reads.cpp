@@ -228,7 +228,7 @@ TEST_EACH_MODE(a_frame_that_changes_at_each_attempt_is_read) {
     check_bounded([&] { CHECK(w.tree.info(f1).newest > 0); });
     check_bounded([&] { CHECK_EQ(w.tree.parent(f1, kNoStamp), f0); });
     while (committed < requested) std::this_thread::yield();
-    CHECK_EQ(w.tree.info(f1).version / SeqLock::kIncrement, static_cast<Version>(committed));
+    CHECK_EQ(w.tree.info(f1).version / kVersionStep, static_cast<Version>(committed));
   });
   threads.join();
 }

@@ -15,7 +15,9 @@ struct Frames {
   ReadSet reads;
 
   Frame& operator[](std::size_t i) { return frames[i]; }
-  void change(std::size_t i) { frames[i].version.unlock_changed(frames[i].version.lock_writer()); }
+  void change(std::size_t i) {
+    frames[i].version.unlock_changed(next_version(frames[i].version.lock_writer()));
+  }
   template <class Guard>
   bool read(Guard& guard, std::size_t i) {
     Version version;
@@ -77,7 +79,7 @@ TEST(a_consistent_read_locks_after_a_bounded_number_of_attempts) {
   const auto read = [&](Version version) noexcept {
     Version before;
     if (++attempts < 1000 && lock.try_lock_writer(before)) {
-      lock.unlock_changed(before);
+      lock.unlock_changed(next_version(before));
       ++changes;
     }
     return version;
@@ -103,7 +105,7 @@ TEST(the_optimistic_guard_validates_all_reads_at_the_end) {
   CHECK_EQ(f.reads.size(), 0u);  // the last attempt's reads are gone
   CHECK(f.read(guard, 1));
   CHECK(guard.validate_all());
-  CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);
+  CHECK_EQ(f.reads[0].version, kVersionStep);
 }
 
 TEST(the_locking_guard_takes_each_wanted_lock_once_and_releases_all) {
@@ -114,7 +116,7 @@ TEST(the_locking_guard_takes_each_wanted_lock_once_and_releases_all) {
   {
     LockingGuard guard(f.frames.get(), f.reads, wanted);
     for (const std::size_t i : {7, 9}) CHECK(!can_be_locked(f[i]));  // writers wait
-    CHECK_EQ(f[7].version.current(), SeqLock::kIncrement);           // readers do not
+    CHECK_EQ(f[7].version.current(), kVersionStep);                  // readers do not
     CHECK(f.read(guard, 7));
     CHECK(guard.validate_all());
     CHECK(f.read(guard, 8));  // not locked: reads it, but fails at the end
@@ -126,9 +128,9 @@ TEST(the_locking_guard_takes_each_wanted_lock_once_and_releases_all) {
     CHECK(f.read(guard, 7) && f.read(guard, 8) && f.read(guard, 9));
     CHECK(guard.validate_all());
     CHECK_EQ(f.reads.size(), 3u);
-    CHECK_EQ(f.reads[0].version, SeqLock::kIncrement);  // the version before it was locked
+    CHECK_EQ(f.reads[0].version, kVersionStep);  // the version before it was locked
   }
-  CHECK_EQ(f[7].version.current(), SeqLock::kIncrement);
+  CHECK_EQ(f[7].version.current(), kVersionStep);
 }
 
 TEST(a_shared_guard_heeds_a_starving_writer_if_told_to) {

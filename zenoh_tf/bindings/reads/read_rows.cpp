@@ -7,7 +7,7 @@
 #include <algorithm>
 
 #include "base/host.hpp"
-#include "replication/change_replay.hpp"
+#include "records/versions.hpp"
 
 namespace ztf {
 

@@ -171,7 +171,7 @@ void free_removed_names(TreeState& tree) {
   }
   // Few: no ids are freed while as many are left as the commit may need. No thread knows them.
   for (FrameId id = tree.names.size() + 1; id <= tree.names.max_size(); ++id)
-    tree.frames[id].version.unlock_changed(tree.version_base - SeqLock::kIncrement);
+    tree.frames[id].version.unlock_changed(tree.version_base);
   tree.names.free_removed();
 }
 

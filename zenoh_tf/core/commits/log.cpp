@@ -15,7 +15,7 @@ Version version_of_created(const Frame& frame, FrameId id, const WriteLocks& loc
                            bool all_change) noexcept {
   if (all_change && locks.version_before(id)) return locks.version_after(id);
   const Version now = frame.version.current() & ~SeqLock::kWriting;
-  return now == 0 ? SeqLock::kIncrement : now;
+  return now == 0 ? next_version(0) : now;
 }
 
 }  // namespace

@@ -111,7 +111,7 @@ class CommitNames {
       SeqLock& version = tree_.frames[id].version;
       // If the id is used for the first time, no other thread knows it, so a store suffices.
       if (!std::binary_search(children.begin(), children.end(), id) && version.current() == 0)
-        version.unlock_changed(0);
+        version.unlock_changed(next_version(0));
       [[maybe_unused]] const FrameId inserted = tree_.names.insert(name);
       assert(inserted == id);
     }

@@ -52,7 +52,7 @@ class WriteLocks {
 
   // The version that a locked frame gets if it changes.
   [[nodiscard]] Version version_after(FrameId id) const noexcept {
-    return *version_before(id) + SeqLock::kIncrement;
+    return next_version(*version_before(id));
   }
 
   // Makes readers of the frames wait. Must precede the first write and the validation of a read
@@ -70,16 +70,17 @@ class WriteLocks {
   // Unlocks all frames, and gives each the version `new_version_of(id, version before)`.
   template <class NewVersion>
   void release_each(NewVersion&& new_version_of) noexcept {
-    for (ReadVersion& locked : locked_)  // release() adds the increment
-      locked.version = new_version_of(locked.frame, locked.version) - SeqLock::kIncrement;
-    release(frames_);
+    for (const ReadVersion& locked : locked_)
+      tree_.frames[locked.frame].version.unlock_changed(
+          new_version_of(locked.frame, locked.version));
+    unlock_write_set(tree_, {locked_.begin(), locked_.size()});
+    locked_.clear();
   }
 
   // Unlocks all frames, and gives each a new version, which is `least` or later.
   void release_from(Version least) noexcept {
-    release_each([&](FrameId, Version before) noexcept {
-      return std::max(before + SeqLock::kIncrement, least);
-    });
+    release_each(
+        [&](FrameId, Version before) noexcept { return std::max(next_version(before), least); });
   }
 
   // Unlocks all frames, and gives those in `changed` a new version. Requires that `changed` is a
@@ -87,17 +88,11 @@ class WriteLocks {
   void release(const FrameList& changed) noexcept {
     const bool all = changed.size() == locked_.size();
     const FrameId* next = changed.begin();
-    for (const ReadVersion& locked : locked_) {
-      SeqLock& word = tree_.frames[locked.frame].version;
-      if (all || (next != changed.end() && *next == locked.frame)) {
-        word.unlock_changed(locked.version);
-        ++next;
-      } else {
-        word.unlock_unchanged(locked.version);
-      }
-    }
-    unlock_write_set(tree_, {locked_.begin(), locked_.size()});
-    locked_.clear();
+    release_each([&](FrameId id, Version before) noexcept {
+      if (!all && (next == changed.end() || *next != id)) return before;
+      ++next;
+      return next_version(before);
+    });
   }
 
  private:

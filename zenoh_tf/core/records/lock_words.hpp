@@ -19,6 +19,7 @@
 #include "base/compiler.hpp"
 #include "base/long_wait.hpp"
 #include "base/yield_point.hpp"
+#include "records/versions.hpp"
 
 namespace ztf {
 
@@ -59,13 +60,12 @@ class Backoff {
   int spins_ = 0, naps_ = 0;
 };
 
-using Version = std::uint64_t;
-
 // A frame's sequence lock (seqlock) and its writer lock, in one word.
 //
 // Bit 1 (kWriteLocked): a thread has the writer lock, and other writers wait. Bit 0 (kWriting): its
-// write is in progress, and readers wait, too. The other bits count commits; 0 means never written.
-// A writer that reads before it writes sets bit 0 late, so that readers run on meanwhile.
+// write is in progress, and readers wait, too. The other bits are the version
+// (records/versions.hpp). A writer that reads before it writes sets bit 0 late, so that readers run
+// on meanwhile.
 //
 // Memory order: a writer sets kWriting, stores the data with release order, and unlocks. A reader
 // loads the version, loads data with acquire order, and loads the version again. If it has seen any
@@ -134,10 +134,10 @@ class SeqLock {
     word_.store(before | kWriteLocked | kWriting, std::memory_order_relaxed);
   }
 
-  // Releases the writer lock, ends the write, and gives the frame a new version.
-  void unlock_changed(Version before) noexcept {
+  // Releases the writer lock, ends the write, and gives the frame this version.
+  void unlock_changed(Version after) noexcept {
     yield_point();
-    word_.store(before + kIncrement, std::memory_order_release);
+    word_.store(after, std::memory_order_release);
   }
   // Releases the writer lock and restores the version. Requires that nothing was written.
   void unlock_unchanged(Version before) const noexcept {
@@ -146,7 +146,6 @@ class SeqLock {
 
   static constexpr Version kWriting = 1;
   static constexpr Version kWriteLocked = 2;
-  static constexpr Version kIncrement = 4;
   static constexpr int kOptimisticReads = 64;
 
  private:

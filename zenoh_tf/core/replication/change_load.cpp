@@ -45,7 +45,7 @@ void ChangeReplay::load_frame(const FrameColumns& frames, std::size_t i, std::si
   if (frame.parent_changes.load(std::memory_order_relaxed) != 0 && count > 1)
     tree_.ever_reparented.store(true);
   tree_.names.restore(id);
-  frame.version.unlock_changed(frames.version[i] - SeqLock::kIncrement);
+  frame.version.unlock_changed(frames.version[i]);
   if (replaced) replaced.give_back(tree_.ring_arena);
 }
 

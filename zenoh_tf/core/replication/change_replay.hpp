@@ -40,9 +40,6 @@
 
 namespace ztf {
 
-// The bits of a mirror's version that are the original's.
-constexpr Version kServerVersion = (Version{1} << 48) - 1;
-
 class ChangeReplay {
  public:
   explicit ChangeReplay(TreeState& tree) noexcept : tree_(tree) {}
