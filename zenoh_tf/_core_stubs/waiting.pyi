@@ -14,7 +14,7 @@ class WakeQueue:
     """Collects the rows of `ParkedLookups` that a commit has woken, for one thread to serve."""
 
     def take(self) -> list[int] | None:
-        """Blocks until rows are woken, and looks them up again. Returns the tokens of the
+        """Blocks until rows are woken, and looks them up again. Returns the ids of the
         `ParkedLookups` that are complete now, each once; None after `close`."""
     def close(self) -> None: ...
 
@@ -22,7 +22,7 @@ class ParkedLookups:
     """Lookups that wait without a thread, each row by itself. Made by `park_lookups`."""
 
     def start(self) -> bool:
-        """Looks up every row once. True: all are complete, and no token will come."""
+        """Looks up every row once. True: all are complete, and no id will come."""
     def cancel(self) -> None: ...
     def links(self) -> int: ...  # how many frames the rows would watch now, at most
     def result(self, waited_s: float, errors: bool = True, budget: Budget | None = None) -> Rows:
@@ -31,7 +31,7 @@ class ParkedLookups:
 def park_lookups(
     tree: Tree,
     queue: WakeQueue,
-    token: int,  # what `take` returns once all rows are complete
+    lookup_id: int,  # what `take` returns once all rows are complete
     names: Sequence[str],
     op: NDArray[np.uint8],
     target: NDArray[np.uint32],

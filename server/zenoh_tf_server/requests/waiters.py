@@ -59,7 +59,7 @@ class _WaitingRequest:
     ) -> None:
         self.client = client
         self.name = None if wait_id is None else (client, wait_id)
-        self.tokens: set[int] = set()  # of the lookups that still wait
+        self.lookup_ids: set[int] = set()  # of the lookups that still wait
         self.budget = budget
         self._results: list[Rows | None] = [None] * count
         self._left = count
@@ -104,10 +104,10 @@ class Waiters:
         #: Whether a client's token is there; the server that follows the tokens sets it.
         self.is_connected: Callable[[str], bool] = lambda client: True
         self._queue = WakeQueue()
-        self._tokens = itertools.count()
+        self._lookup_ids = itertools.count()
         self._lock = threading.Lock()
         # Guarded by the lock.
-        self._waiting: dict[int, _WaitingLookup] = {}  # by token
+        self._waiting: dict[int, _WaitingLookup] = {}  # by their ids
         self._named: dict[tuple[str, int], _WaitingRequest] = {}  # those that may be cancelled
         self._rows = FairShare(limits, "waiters")
         self._links = FairShare(limits, "waiter_links")
@@ -144,49 +144,54 @@ class Waiters:
         now_s = time.monotonic()
         started = {}
         for index, lookup in enumerate(lookups):
-            token = next(self._tokens)
-            rows = self._rows_of(lookup, token)
-            started[token] = _WaitingLookup(rows, lookup, rows.links(), index, request, now_s)
+            lookup_id = next(self._lookup_ids)
+            rows = self._rows_of(lookup, lookup_id)
+            started[lookup_id] = _WaitingLookup(rows, lookup, rows.links(), index, request, now_s)
         self._add(request, started)
-        for token, waiting in started.items():
+        for lookup_id, waiting in started.items():
             if waiting.rows.start():
-                self._finish(token)
+                self._finish(lookup_id)
             else:
                 timeout_s = waiting.lookup.timeout_ns * 1e-9
-                self._loop.call_soon_threadsafe(self._start_timer, token, timeout_s)
+                self._loop.call_soon_threadsafe(self._start_timer, lookup_id, timeout_s)
 
     def cancel(self, client: str, wait_ids: Sequence[int]) -> list[int]:
         """End what the client waits for under these names. Returns those that do not wait: not
         any more, or not yet."""
         with self._lock:
             found = {wait_id: self._named.get((client, wait_id)) for wait_id in wait_ids}
-            tokens = [token for request in found.values() if request for token in request.tokens]
-        self._fail(tokens, "the lookup was cancelled")
+            lookup_ids = [
+                lookup_id
+                for request in found.values()
+                if request
+                for lookup_id in request.lookup_ids
+            ]
+        self._fail(lookup_ids, "the lookup was cancelled")
         return [wait_id for wait_id, request in found.items() if request is None]
 
     def client_gone(self, client: str) -> None:
         """Drop what the client waits for. Returns at once, and works on a thread of its own."""
         with self._lock:
-            tokens = [
-                token
-                for token, waiting in self._waiting.items()
+            lookup_ids = [
+                lookup_id
+                for lookup_id, waiting in self._waiting.items()
                 if waiting.request.client == client
             ]
-        if tokens:
-            threads.start("client-gone", self._fail, tokens, "the client is gone")
+        if lookup_ids:
+            threads.start("client-gone", self._fail, lookup_ids, "the client is gone")
 
     def close(self) -> None:
         """Fail all waiting lookups with ServerUnavailable, and end the thread."""
         with self._lock:
             self._stopping = True
-            tokens = list(self._waiting)
+            lookup_ids = list(self._waiting)
         self._queue.close()
-        self._fail(tokens, "the server is stopping")
+        self._fail(lookup_ids, "the server is stopping")
         threads.join(self._thread)
 
-    def _fail(self, tokens: list[int], reason: str) -> None:
+    def _fail(self, lookup_ids: list[int], reason: str) -> None:
         with self._lock:
-            ended = [waiting for token in tokens if (waiting := self._remove(token))]
+            ended = [waiting for lookup_id in lookup_ids if (waiting := self._remove(lookup_id))]
         if not ended:
             return
         # In one call, as each wakes the loop's thread.
@@ -223,11 +228,11 @@ class Waiters:
                 retry_after_s=_UNKNOWN_RETRY_S,
             )
 
-    def _rows_of(self, lookup: wire.Lookup, token: int) -> ParkedLookups:
+    def _rows_of(self, lookup: wire.Lookup, lookup_id: int) -> ParkedLookups:
         return park_lookups(
             self._tree,
             self._queue,
-            token,
+            lookup_id,
             lookup.names,
             lookup.op,
             lookup.target,
@@ -254,19 +259,19 @@ class Waiters:
             self._rows.take(client, rows)
             self._links.take(client, links)
             self._waiting |= started
-            request.tokens.update(started)
+            request.lookup_ids.update(started)
             if request.name is not None:
                 self._named[request.name] = request
 
     def _serve(self) -> None:
-        while (tokens := self._queue.take()) is not None:
-            for token in tokens:
-                self._finish(token)
+        while (lookup_ids := self._queue.take()) is not None:
+            for lookup_id in lookup_ids:
+                self._finish(lookup_id)
 
-    def _take(self, token: int) -> _WaitingLookup | None:
+    def _take(self, lookup_id: int) -> _WaitingLookup | None:
         """Remove a waiting lookup. None: another caller has it."""
         with self._lock:
-            waiting = self._remove(token)
+            waiting = self._remove(lookup_id)
         if waiting is None:
             return None
         waiting.rows.cancel()
@@ -274,23 +279,23 @@ class Waiters:
             self._loop.call_soon_threadsafe(waiting.timer.cancel)
         return waiting
 
-    def _remove(self, token: int) -> _WaitingLookup | None:
+    def _remove(self, lookup_id: int) -> _WaitingLookup | None:
         """Remove it as `_take`, which holds the lock and then cancels its rows and its timer."""
-        waiting = self._waiting.pop(token, None)
+        waiting = self._waiting.pop(lookup_id, None)
         if waiting is None:
             return None
         request = waiting.request
-        request.tokens.discard(token)
-        if not request.tokens and request.name and self._named.get(request.name) is request:
+        request.lookup_ids.discard(lookup_id)
+        if not request.lookup_ids and request.name and self._named.get(request.name) is request:
             del self._named[request.name]
         self._rows.give_back(request.client, waiting.lookup.rows)
         self._links.give_back(request.client, waiting.links)
         return waiting
 
-    def _finish(self, token: int) -> None:
+    def _finish(self, lookup_id: int) -> None:
         """Reply to a lookup that has waited, if this was the last one of its request. Never raises:
         an error is the reply."""
-        if waiting := self._take(token):
+        if waiting := self._take(lookup_id):
             try:
                 rows = waiting.rows.result(
                     time.monotonic() - waiting.since_s,
@@ -303,10 +308,10 @@ class Waiters:
                     log.exception("internal error while replying to a lookup that has waited")
                 waiting.request.fail(error)
 
-    def _start_timer(self, token: int, timeout_s: float) -> None:
+    def _start_timer(self, lookup_id: int, timeout_s: float) -> None:
         with self._lock:  # `_take` sees the timer, or the lookup is gone and gets none
-            if waiting := self._waiting.get(token):
-                waiting.timer = self._loop.call_later(timeout_s, self._finish, token)
+            if waiting := self._waiting.get(lookup_id):
+                waiting.timer = self._loop.call_later(timeout_s, self._finish, lookup_id)
 
 
 def _stop_timers(ended: Sequence[_WaitingLookup]) -> None:

@@ -55,7 +55,7 @@ class WakeQueue {
   // is kept. So it is never released here, where the destructor must not run: in a commit, under
   // the wait list's mutex, without the GIL.
   void push(ParkedRow& row) noexcept;
-  // Blocks until rows are woken, then looks them up again. Returns the tokens of the lookups that
+  // Blocks until rows are woken, then looks them up again. Returns the ids of the lookups that
   // are complete now; nothing once the queue is closed. `owners` keeps the lookups alive: the
   // caller must release them under the GIL, which it must not hold here.
   std::optional<std::vector<std::uint64_t>> take(Owners& owners);
@@ -75,13 +75,13 @@ class WakeQueue {
 // Lookups of one request; complete once every row has an answer or can have none.
 class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
  public:
-  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t token,
+  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t lookup_id,
                 std::size_t max_links)
       : tree_object_(std::move(tree)),
         tree_(nb::cast<const Tree&>(tree_object_)),
         queue_(queue),
         rows_(std::move(rows)),
-        token_(token),
+        lookup_id_(lookup_id),
         max_links_(max_links),
         incomplete_(rows_.queries.size() + 1) {
     for (std::size_t i = 0; i < rows_.queries.size(); ++i) {
@@ -116,7 +116,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   // How many frames the rows will watch at most.
   [[nodiscard]] std::uint64_t links() const { return rows_.links(tree_, kMostLinks); }
 
-  [[nodiscard]] std::uint64_t token() const noexcept { return token_; }
+  [[nodiscard]] std::uint64_t lookup_id() const noexcept { return lookup_id_; }
   [[nodiscard]] WakeQueue& queue() const noexcept { return queue_; }
 
  private:
@@ -146,7 +146,7 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   const Tree& tree_;
   WakeQueue& queue_;
   ReadRows rows_;
-  const std::uint64_t token_;
+  const std::uint64_t lookup_id_;
   const std::int64_t asked_at_ns_ = real_time_ns();
   const std::size_t max_links_;   // of all waiting lookups of the tree
   std::deque<ParkedRow> parked_;  // a deque, since rows must not move
@@ -233,7 +233,7 @@ std::optional<std::vector<std::uint64_t>> WakeQueue::take(Owners& owners) {
     // Unlink the row first: once it is parked again, a commit may push it.
     ParkedRow* const next = std::exchange(row->next_woken, nullptr);
     owners.push_back(std::move(row->keep_alive));
-    if (row->lookups.look_up_again(*row)) complete.push_back(row->lookups.token());
+    if (row->lookups.look_up_again(*row)) complete.push_back(row->lookups.lookup_id());
     row = next;
   }
   return complete;
@@ -263,7 +263,7 @@ void bind_parked_lookups(nb::module_& m) {
            nb::arg("errors") = true, nb::arg("budget").none() = nb::none());
   m.def(
       "park_lookups",
-      [](nb::object tree, WakeQueue& queue, std::uint64_t token, nb::handle names,
+      [](nb::object tree, WakeQueue& queue, std::uint64_t lookup_id, nb::handle names,
          const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
@@ -271,10 +271,10 @@ void bind_parked_lookups(nb::module_& m) {
         const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
         ReadRows rows(nb::cast<const Tree&>(tree), names, columns);
         rejected_as_error([&] { rows.set(columns); });
-        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), token,
+        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), lookup_id,
                                                max_links);
       },
-      nb::arg("tree"), nb::arg("queue"), nb::arg("token"), nb::arg("names"), nb::arg("op"),
+      nb::arg("tree"), nb::arg("queue"), nb::arg("lookup_id"), nb::arg("names"), nb::arg("op"),
       nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
       nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
       nb::arg("max_links") = static_cast<std::size_t>(-1), nb::keep_alive<0, 2>());
