@@ -83,7 +83,7 @@ ErrorBound::Value ErrorBound::at(double level) const noexcept {
   const double most = independent_ / (independent_ + 1);
   double score = 0;
   for (const Window& w : windows_) {
-    const double share = level > most ? 1 : level * (w.independent + 1) / w.independent;
+    const double share = level > most ? 1 : level * (w.disjoint + 1) / w.disjoint;
     const std::size_t rank = rank_of(std::min(share, 1.0), w.size);
     score = std::max(score, scores_[w.begin + rank - 1]);
   }

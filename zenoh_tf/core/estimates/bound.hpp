@@ -48,12 +48,14 @@ class ErrorBound {
   // The newest backtests of a span of time: their scores are scores_[begin, begin + size).
   struct Window {
     std::size_t begin, size;
-    double independent;  // those that do not overlap
+    // Those that do not overlap: they set the rank. independent() counts one in half a second at
+    // most, so every bound would be at least the largest error of the newest window.
+    double disjoint;
   };
   void add_window(std::span<const double> scores, std::size_t size, double span_s, double lag_s);
 
   double metres_ = 0, radians_ = 0;  // units of the score
-  double independent_ = 0;           // backtests in all
+  double independent_ = 0;           // independent() of all backtests: it limits the level
   std::vector<double> scores_;       // ascending in each window
   std::vector<Window> windows_;      // the first one is of all backtests
 };

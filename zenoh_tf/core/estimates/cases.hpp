@@ -51,7 +51,7 @@ Stamp grid_of(const PathNow& path) noexcept;
 
 namespace detail {
 
-// The samples of a link that have the same parent, the newest of them.
+// The newest samples of a link that have this parent, up to one with another parent.
 class SampleRun {
  public:
   template <class Access>
@@ -59,31 +59,30 @@ class SampleRun {
     const auto acquire = std::memory_order_acquire;
     if (frame.is_static.load(acquire) || !ring_) return;
     first_ = frame.first.load(acquire);
-    end_ = std::min(frame.count.load(acquire), ring_.capacity());
+    std::uint32_t end = std::min(frame.count.load(acquire), ring_.capacity());
     if (frame.parent_changes.load(acquire) == 0) {
-      if (frame.parent.load(acquire) != parent) end_ = 0;
+      if (frame.parent.load(acquire) == parent) size_ = end;
       return;
     }
-    while (end_ > 0 && ring_.parent(first_ + end_ - 1) != parent) --end_;
-    first_ += end_;
-    for (std::uint32_t n = end_; n > 0 && ring_.parent(first_ - 1) == parent; --n) --first_, ++run_;
-    end_ = run_;
+    while (end > 0 && ring_.parent(first_ + end - 1) != parent) --end;
+    while (size_ < end && ring_.parent(first_ + end - size_ - 1) == parent) ++size_;
+    first_ += end - size_;
   }
-  [[nodiscard]] std::uint32_t size() const noexcept { return end_; }
+  [[nodiscard]] std::uint32_t size() const noexcept { return size_; }
   [[nodiscard]] Stamp stamp(std::uint32_t i) const noexcept { return ring_.stamp(first_ + i); }
   [[nodiscard]] Pose pose(std::uint32_t i) const noexcept {
     return ring_.sample(first_ + i).pose.load();
   }
-  [[nodiscard]] Stamp newest() const noexcept { return stamp(end_ - 1); }
+  [[nodiscard]] Stamp newest() const noexcept { return stamp(size_ - 1); }
 
   // Returns the newest sample that is not after a time. Requires that `from` is not.
   [[nodiscard]] std::uint32_t last_at(Stamp time, std::uint32_t from) const noexcept {
     std::uint32_t step = 1;
-    while (from + step < end_ && stamp(from + step) <= time) {
+    while (from + step < size_ && stamp(from + step) <= time) {
       from += step;
       step *= 2;
     }
-    for (std::uint32_t high = std::min(from + step, end_); high - from > 1;) {
+    for (std::uint32_t high = std::min(from + step, size_); high - from > 1;) {
       const std::uint32_t middle = from + (high - from) / 2;
       (stamp(middle) <= time ? from : high) = middle;
     }
@@ -91,14 +90,14 @@ class SampleRun {
   }
   // Returns the pose at a time from sample i up to the next one.
   [[nodiscard]] Pose pose_at(Stamp time, std::uint32_t i) const noexcept {
-    if (i + 1 >= end_ || stamp(i) >= time) return pose(i);
+    if (i + 1 >= size_ || stamp(i) >= time) return pose(i);
     const double ratio = elapsed_ns(stamp(i), time) / elapsed_ns(stamp(i), stamp(i + 1));
     return interpolate(pose(i), pose(i + 1), ratio);
   }
 
  private:
   const Ring ring_;
-  std::uint32_t first_ = 0, end_ = 0, run_ = 0;
+  std::uint32_t first_ = 0, size_ = 0;
 };
 
 // Copies the cases of one link, from the oldest instant to the newest; `out` has the newest first.

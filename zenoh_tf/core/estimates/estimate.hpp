@@ -1,4 +1,4 @@
-// The room `estimates/`: poses beyond the newest samples, and how wrong they may be.
+// The folder `estimates/`: poses beyond the newest samples, and how wrong they may be.
 // In: the samples of a path, as a reader copies them. Out: a pose with bounds of its errors.
 // It may include base, geometry, reads.
 //

@@ -68,10 +68,13 @@ struct alignas(128) RegionHeader {
 static_assert(sizeof(RegionHeader) <= kHeaderBytes);
 
 constexpr std::uint64_t kMagic = 0x65657274'66747a01;  // 01 "ztftree", in memory order
-// To be counted up with every change of meaning that the hash below does not see.
+// To be counted up with every change that the hash below does not see.
 constexpr std::uint64_t kLayoutVersion = 2;
 
-// Differs if the size or the place of anything that readers use differs.
+// Differs if a field is added, removed or resized, as that moves a field of the list or changes a
+// size. So the list need not have all fields. It cannot see a change of meaning, two fields of one
+// size that swap places, or one that padding absorbs. A region that is not what its hash says gives
+// readers wrong values; it leads them nowhere outside, as they trust no word of it.
 constexpr std::uint64_t hash_of_layout() noexcept {
   std::uint64_t hash = 0xcbf29ce484222325;  // FNV-1a
   for (const std::uint64_t fact : std::initializer_list<std::uint64_t>{

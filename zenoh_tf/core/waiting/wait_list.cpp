@@ -79,24 +79,24 @@ void WaitList::park_on_all(Waiter& waiter, const ReadSet& reads, std::size_t max
 }
 
 void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
-  using Need = Waiter::Need;
+  using Role = Waiter::Role;
   const Query& query = waiter.query_;
   const Stamp failed_at = waiter.answer_.failure.stamp;
   // Any sample may move the latest common time.
   const bool any_sample =
       query.op == Op::latest_common ||
       (query.op == Op::full && (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
-  Need need = Need::sample;
+  Role role = Role::lacks_sample;
   Stamp stamp = kNoStamp;
   if (failed_at == kNoStamp) {  // the newest links do not connect the frames
-    if (read_parent(records_, frame, kNoStamp) != 0) need = Need::link, stamp = kNever;
+    if (read_parent(records_, frame, kNoStamp) != 0) role = Role::on_path, stamp = kNever;
   } else if (!any_sample) {
-    need = read_parent(records_, frame, failed_at) == 0 ? Need::sample : Need::link;
+    role = read_parent(records_, frame, failed_at) == 0 ? Role::lacks_sample : Role::on_path;
     stamp = failed_at;
   }
   const auto at = frames_.try_emplace(frame).first;
   try {
-    waiter.on_frames_.push_back({frame, need, at->second.of(need).emplace(stamp, &waiter)});
+    waiter.on_frames_.push_back({frame, role, at->second.of(role).emplace(stamp, &waiter)});
   } catch (...) {
     erase_if_empty(at);
     throw;
@@ -117,7 +117,7 @@ void WaitList::park_on_name(Waiter& waiter, FrameId id, std::string_view name) {
 void WaitList::unpark(Waiter& waiter) noexcept {
   for (const Waiter::ParkedOnFrame& parked : waiter.on_frames_) {
     const auto waiters = frames_.find(parked.frame);
-    waiters->second.of(parked.need).erase(parked.entry);
+    waiters->second.of(parked.role).erase(parked.entry);
     erase_if_empty(waiters);
     waiters_[parked.frame].fetch_sub(1, std::memory_order_seq_cst);
   }
@@ -130,7 +130,7 @@ void WaitList::unpark(Waiter& waiter) noexcept {
 }
 
 void WaitList::erase_if_empty(Frames::iterator frame) noexcept {
-  if (frame->second.need_sample.empty() && frame->second.need_link.empty()) frames_.erase(frame);
+  if (frame->second.lacking_sample.empty() && frame->second.passing.empty()) frames_.erase(frame);
 }
 
 void WaitList::wake(const WokenList& woken) noexcept {
@@ -144,19 +144,19 @@ void WaitList::notify_frame(FrameId frame, Change change) noexcept {
   const auto lock = lock_announced(mutex_);
   const auto at = frames_.find(frame);
   if (at == frames_.end()) return;
-  const auto& [need_sample, need_link] = at->second;
+  const auto& [lacking_sample, passing] = at->second;
   WokenList woken;
   if (change == Change::other) {
-    woken.add(need_sample.begin(), need_sample.end());
-    woken.add(need_link.begin(), need_link.end());
+    woken.add(lacking_sample.begin(), lacking_sample.end());
+    woken.add(passing.begin(), passing.end());
   } else {
     // The frame now serves the times from its oldest to its newest sample. Lookups at times that it
     // does not accept any more are woken to fail for good.
     const FrameInfo info = read_info(records_[frame], events_[frame]);
     const Stamp oldest_possible = std::min(oldest_insertable(info, options_), info.oldest);
-    woken.add(need_sample.begin(), need_sample.lower_bound(oldest_possible));
-    woken.add(need_sample.lower_bound(info.oldest), need_sample.upper_bound(info.newest));
-    woken.add(need_link.begin(), need_link.lower_bound(info.oldest));
+    woken.add(lacking_sample.begin(), lacking_sample.lower_bound(oldest_possible));
+    woken.add(lacking_sample.lower_bound(info.oldest), lacking_sample.upper_bound(info.newest));
+    woken.add(passing.begin(), passing.lower_bound(info.oldest));
   }
   wake(woken);
 }

@@ -1,4 +1,4 @@
-// The room `waiting/`: lookups that wait for a commit.
+// The folder `waiting/`: lookups that wait for a commit.
 // In: a query, then the frames and names of each commit. Out: a call once the lookup may succeed.
 // It may include base, records, reads.
 //
@@ -77,11 +77,12 @@ class Waiter {
   friend bool lookup_or_park(const TreeState&, Waiter&, std::size_t);
   using ByTime = std::multimap<Stamp, Waiter*>;
   using ByName = std::unordered_multimap<std::string_view, Waiter*>;
-  // What a lookup needs of a frame at a time: a sample, or that its link stays as it is.
-  enum class Need : std::uint8_t { sample, link };
+  // Why a lookup waits for commits to a frame: it lacks a sample there, or it fails elsewhere and
+  // passes this frame's link on its path.
+  enum class Role : std::uint8_t { lacks_sample, on_path };
   struct ParkedOnFrame {
     FrameId frame;
-    Need need;
+    Role role;
     ByTime::iterator entry;
   };
 
@@ -137,11 +138,11 @@ class WaitList {
  private:
   // The waiters parked under one frame, by the time that they ask about.
   struct FrameWaiters {
-    Waiter::ByTime need_sample;  // the lookup fails here; kNoStamp: any newer sample may help
-    Waiter::ByTime need_link;    // the lookup follows this link, and fails elsewhere
+    Waiter::ByTime lacking_sample;  // kNoStamp: any newer sample may help
+    Waiter::ByTime passing;
 
-    Waiter::ByTime& of(Waiter::Need need) noexcept {
-      return need == Waiter::Need::sample ? need_sample : need_link;
+    Waiter::ByTime& of(Waiter::Role role) noexcept {
+      return role == Waiter::Role::lacks_sample ? lacking_sample : passing;
     }
   };
   // Waiters to be woken, linked through the waiters, so that collecting them cannot fail.
