@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import zenoh_tf
 import zenoh_tf_client
 from bench.results import MARKER, Results
-from scripts import rooms
+from scripts import folders
 from tests.mutation import fault_page
 from zenoh_tf.doctor import __main__ as doctor
 from zenoh_tf_server import flags, limits
@@ -125,7 +125,7 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
         ("docs/reference/metrics.md", list(metric_table.table()), metrics),
         ("docs/reference/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
         ("tests/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
-        ("docs/figures/rooms.svg", list(rooms.picture()), "scripts.rooms"),
+        ("docs/figures/folders.svg", list(folders.picture()), "scripts.folders"),
     ):
         is_table = made[0].startswith("|")
         there = [each for each in repository.lines(page) if each[1][:1] == "|" or not is_table]

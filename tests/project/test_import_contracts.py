@@ -55,11 +55,11 @@ def test_the_packages_keep_all_contracts(copy: Path) -> None:
         (f"{SDK}/session/calls.py", "import zenoh_tf_server", "The packages"),
         (f"{SDK}/session/calls.py", "import zenoh_tf_tools.stamps", "The packages"),
         ("zenoh_tf/_net/keys.py", "import zenoh_tf_client", "The packages"),
-        (f"{SERVER}/limits.py", "from .streams import interests", "The server's rooms"),
-        (f"{SDK}/requests/columns.py", "from ..session import steps", "The SDK's rooms"),
-        (f"{SDK}/helpers.py", "", "The SDK's rooms"),
+        (f"{SERVER}/limits.py", "from .streams import interests", "The server's folders"),
+        (f"{SDK}/requests/columns.py", "from ..session import steps", "The SDK's folders"),
+        (f"{SDK}/helpers.py", "", "The SDK's folders"),
         (f"{SDK}/session/steps.py", "from . import exchange", "No circles"),
-        (f"{TOOLS}/viewer/source.py", "from ..cli import output", "The tools' rooms"),
+        (f"{TOOLS}/viewer/source.py", "from ..cli import output", "The tools' folders"),
     ],
 )
 def test_a_planted_import_breaks_a_contract(

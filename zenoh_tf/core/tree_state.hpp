@@ -1,6 +1,6 @@
 // What a tree consists of: its frames, names, rings, counters, logs and waiting lookups.
 //
-// The rooms above work on it: modes/, shared/, lookups/, commits/ and replication/. Everybody else
+// The folders above work on it: modes/, shared/, lookups/, commits/ and replication/. Everybody else
 // uses the Tree (tree.hpp), which has this as its base. Needs a 64-bit target (records/frame.hpp).
 //
 // Thread safety: every function, from any thread. A member that says nothing else is of a type that

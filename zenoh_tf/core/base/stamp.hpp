@@ -1,4 +1,4 @@
-// The room `base/`: what every room uses, and what depends on the machine.
+// The folder `base/`: what every folder uses, and what depends on the machine.
 // In: nothing of a tree. Out: stamps, options, reasons of failures, containers, hooks of tests.
 // It may include nothing.
 //

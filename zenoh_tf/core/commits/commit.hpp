@@ -1,4 +1,4 @@
-// The room `commits/`: how a tree is written: all rows of a commit at one instant, or none.
+// The folder `commits/`: how a tree is written: all rows of a commit at one instant, or none.
 // In: a CommitRequest. Out: new versions of frames and an entry of the change log, or Rejected.
 // It may include base, records, histories, tree_state.hpp, modes.
 //

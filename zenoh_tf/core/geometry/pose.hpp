@@ -1,4 +1,4 @@
-// The room `geometry/`: poses and points; it knows no frames.
+// The folder `geometry/`: poses and points; it knows no frames.
 // In: poses, and arrays of points. Out: products, interpolated poses, moved points.
 // It may include base.
 //

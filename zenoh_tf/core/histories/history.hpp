@@ -1,4 +1,4 @@
-// The room `histories/`: the samples of one frame, in the order of their stamps.
+// The folder `histories/`: the samples of one frame, in the order of their stamps.
 // In: samples to insert, or a time. Out: the samples around that time, or that there are none.
 // It may include geometry, records.
 //

@@ -1,4 +1,4 @@
-// The room `lookups/`: the lookups of a tree of this process or of a shared one.
+// The folder `lookups/`: the lookups of a tree of this process or of a shared one.
 // In: queries. Out: answers, validated; a lookup that fails too often takes locks.
 // It may include base, geometry, reads, estimates, tree_state.hpp, modes, shared.
 //

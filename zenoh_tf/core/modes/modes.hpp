@@ -1,4 +1,4 @@
-// The room `modes/`: what a tree's transactions do in each mode of concurrency control.
+// The folder `modes/`: what a tree's transactions do in each mode of concurrency control.
 // In: attempts to read, and write sets. Out: attempts under a guard; locks beside the SeqLocks.
 // It may include base, tree_state.hpp.
 //

@@ -1,4 +1,4 @@
-// The room `names/`: which id a name has, and which name an id has.
+// The folder `names/`: which id a name has, and which name an id has.
 // In: names. Out: ids, and the texts of ids.
 // It may include base, records.
 //

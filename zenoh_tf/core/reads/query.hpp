@@ -1,4 +1,4 @@
-// The room `reads/`: how a query is answered, in any memory and under any concurrency control.
+// The folder `reads/`: how a query is answered, in any memory and under any concurrency control.
 // In: a query, frames, and a guard that validates what was read. Out: an answer or a failure.
 // It may include base, geometry, records, histories.
 //

@@ -1,4 +1,4 @@
-// The room `records/`: the words in which a tree keeps its state, and their locks.
+// The folder `records/`: the words in which a tree keeps its state, and their locks.
 // In: writes of frames, under their locks. Out: words that any thread may read, and then validates.
 // It may include base, geometry.
 //

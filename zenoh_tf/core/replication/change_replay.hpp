@@ -1,4 +1,4 @@
-// The room `replication/`: copies of a tree in other processes.
+// The folder `replication/`: copies of a tree in other processes.
 // In: a tree and its change log. Out: snapshots, changes, and a mirror that has replayed them.
 // It may include base, records, histories, tree_state.hpp, commits.
 //

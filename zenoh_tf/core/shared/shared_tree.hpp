@@ -1,4 +1,4 @@
-// The room `shared/`: the tree of another process of this host, valid for a lease.
+// The folder `shared/`: the tree of another process of this host, valid for a lease.
 // In: a descriptor of the owner's memory, and queries. Out: answers, or why there is none.
 // It may include base, records, reads, estimates, tree_state.hpp.
 //

@@ -1,7 +1,7 @@
-"""Draws the rooms and which of them imports which: ``python -m scripts.rooms >
-docs/figures/rooms.svg``.
+"""Draws the folders and which of them imports which: ``python -m scripts.folders >
+docs/figures/folders.svg``.
 
-A room is a folder, or a module beside folders. It stands above all that it imports. An arrow that
+A folder here may be a module beside folders. It stands above all that it imports. An arrow that
 follows from two others is left out, and so are the exceptions that the contracts name. `make lint`
 checks that the picture is current.
 """
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import grimp
 
-from scripts.checks.core_rooms import MAY_INCLUDE
+from scripts.checks.core_folders import MAY_INCLUDE
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Modules that start a program, or that nearly all import, would only add lines.
@@ -41,7 +41,7 @@ Graph = dict[str, set[str]]
 
 
 class Panel(NamedTuple):
-    """A package with its rooms: lower left corners of boxes, and their widths."""
+    """A package with its folders: lower left corners of boxes, and their widths."""
 
     boxes: dict[str, tuple[float, float, float]]
     arrows: list[tuple[str, str]]
@@ -50,23 +50,25 @@ class Panel(NamedTuple):
 
 
 def imports(package: str) -> Graph:
-    """Each room of a Python package, with the rooms of it that it imports."""
+    """Each folder of a Python package, with the folders of it that it imports."""
     graph = grimp.build_graph("zenoh_tf", "zenoh_tf_server", "zenoh_tf_client", "zenoh_tf_tools")
     for importer, imported in _excepted():
         for one in {importer, *graph.find_descendants(importer)}:
             for other in {imported, *graph.find_descendants(imported)}:
                 graph.remove_import(importer=one, imported=other)
-    rooms: Graph = {}
+    folders: Graph = {}
     for child in graph.find_children(package):
         if child.rpartition(".")[2] not in LEFT_OUT:
-            rooms[child] = set()
-    for one in rooms:
-        for other in rooms:
+            folders[child] = set()
+    for one in folders:
+        for other in folders:
             if one != other and graph.direct_import_exists(
                 importer=one, imported=other, as_packages=True
             ):
-                rooms[one].add(other)
-    return {_short(room): {_short(other) for other in others} for room, others in rooms.items()}
+                folders[one].add(other)
+    return {
+        _short(folder): {_short(other) for other in others} for folder, others in folders.items()
+    }
 
 
 def _excepted() -> list[tuple[str, str]]:
@@ -78,40 +80,40 @@ def _excepted() -> list[tuple[str, str]]:
 
 
 def includes() -> Graph:
-    """Each room of the core, with the rooms that it includes: `make lint` compares the table."""
-    rooms: Graph = {}
-    for room, others in MAY_INCLUDE.items():
-        name, *included = (each.partition(".")[0] for each in (room, *others))
-        rooms[name] = rooms.get(name, set()) | {*included} - {name}
-    return rooms
+    """Each folder of the core, with those that it includes: `make lint` compares the table."""
+    folders: Graph = {}
+    for folder, others in MAY_INCLUDE.items():
+        name, *included = (each.partition(".")[0] for each in (folder, *others))
+        folders[name] = folders.get(name, set()) | {*included} - {name}
+    return folders
 
 
 def reduced(graph: Graph) -> tuple[dict[str, int], list[tuple[str, str]]]:
-    """Each room's level, and the arrows that do not follow from others. An arrow that
+    """Each folder's level, and the arrows that do not follow from others. An arrow that
     closes a circle is left out; the contracts forbid circles."""
     levels: dict[str, int] = {}
     below: Graph = {}
     open_: list[str] = []
 
-    def visit(room: str) -> None:
-        open_.append(room)
-        below[room] = set()
-        levels[room] = 0
-        for other in sorted(graph[room] - set(open_)):
+    def visit(folder: str) -> None:
+        open_.append(folder)
+        below[folder] = set()
+        levels[folder] = 0
+        for other in sorted(graph[folder] - set(open_)):
             if other not in levels:
                 visit(other)
-            below[room] |= {other} | below[other]
-            levels[room] = max(levels[room], levels[other] + 1)
+            below[folder] |= {other} | below[other]
+            levels[folder] = max(levels[folder], levels[other] + 1)
         open_.pop()
 
-    for room in sorted(graph):
-        if room not in levels:
-            visit(room)
+    for folder in sorted(graph):
+        if folder not in levels:
+            visit(folder)
     arrows = []
-    for room in sorted(graph):
-        direct = graph[room] & below[room]
+    for folder in sorted(graph):
+        direct = graph[folder] & below[folder]
         implied = set().union(*(below[other] for other in direct)) if direct else set()
-        arrows += [(room, other) for other in sorted(direct - implied)]
+        arrows += [(folder, other) for other in sorted(direct - implied)]
     return levels, arrows
 
 
@@ -119,22 +121,29 @@ def panel(graph: Graph) -> Panel:
     """Rows of boxes by level; in a row, in the order of what they import."""
     levels, arrows = reduced(graph)
     rows = [
-        sorted(room for room in graph if levels[room] == level)
+        sorted(folder for folder in graph if levels[folder] == level)
         for level in range(max(levels.values()) + 1)
     ]
-    widths = {room: CHARACTER * len(room) + 14 for room in graph}
-    row_width = [sum(widths[room] + GAP for room in row) - GAP for row in rows]
+    widths = {folder: CHARACTER * len(folder) + 14 for folder in graph}
+    row_width = [sum(widths[folder] + GAP for folder in row) - GAP for row in rows]
     width = max(row_width) + 2 * MARGIN
     centre: dict[str, float] = {}
     boxes = {}
     for level, row in enumerate(rows):
-        under = {room: [centre[b] for a, b in arrows if a == room and b in centre] for room in row}
-        row.sort(key=lambda room: (sum(under[room]) / len(under[room]) if under[room] else 0, room))
+        under = {
+            folder: [centre[b] for a, b in arrows if a == folder and b in centre] for folder in row
+        }
+        row.sort(
+            key=lambda folder: (
+                sum(under[folder]) / len(under[folder]) if under[folder] else 0,
+                folder,
+            )
+        )
         x = (width - row_width[level]) / 2
-        for room in row:
-            boxes[room] = (x, MARGIN + BOX_HEIGHT + level * LEVEL, widths[room])
-            centre[room] = x + widths[room] / 2
-            x += widths[room] + GAP
+        for folder in row:
+            boxes[folder] = (x, MARGIN + BOX_HEIGHT + level * LEVEL, widths[folder])
+            centre[folder] = x + widths[folder] / 2
+            x += widths[folder] + GAP
     height = 2 * MARGIN + BOX_HEIGHT + LEVEL * (len(rows) - 1) + BOX_HEIGHT
     return Panel(boxes, arrows, width, height)
 
@@ -157,7 +166,7 @@ def picture() -> Iterator[str]:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {y:.0f}" '
         'font-family="sans-serif" font-size="12">'
     )
-    yield "<!-- Made by python -m scripts.rooms. -->"
+    yield "<!-- Made by python -m scripts.folders. -->"
     yield (
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" '
         'markerHeight="7" orient="auto"><path d="M0 0 8 4 0 8z" fill="#5a6b7b"/></marker></defs>'
@@ -181,14 +190,14 @@ def _drawn(one: Panel, title: str, left: float, top: float) -> Iterator[str]:
         (x, y, width), (to_x, to_y, to_width) = one.boxes[upper], one.boxes[lower]
         start = (left + x + width / 2, bottom - y + BOX_HEIGHT)
         yield _line(*start, left + to_x + to_width / 2, bottom - to_y, "#5a6b7b")
-    for room, (x, y, width) in one.boxes.items():
+    for folder, (x, y, width) in one.boxes.items():
         yield (
             f'<rect x="{left + x:.1f}" y="{bottom - y:.1f}" width="{width:.1f}" '
             f'height="{BOX_HEIGHT}" rx="4" fill="#ffffff" stroke="#5a6b7b"/>'
         )
         yield (
             f'<text x="{left + x + width / 2:.1f}" y="{bottom - y + 15:.1f}" '
-            f'text-anchor="middle">{room}</text>'
+            f'text-anchor="middle">{folder}</text>'
         )
 
 
