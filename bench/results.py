@@ -86,7 +86,9 @@ class Results:
         lines = ["\n", "| part | target | wanted | measured |", "|---|---|---|---|"]
         for target in missed:
             wanted = target["wanted"].replace("<", "&lt;")
-            found = self.number(f"{target['part']}/{target['name']};range")
+            # As kept, with three digits: two would print 0.996 as the 1 that it has missed.
+            low, median, high = (digits(value, least=3) for value in target["found"])
+            found = f"{median} ({low} to {high})"
             lines.append(f"| `{target['part']}` | {target['name']} | {wanted} | {found} |")
         load, others = (max(file[key] for file in files) for key in ("load", "background_cores"))
         return {
@@ -112,9 +114,10 @@ def rewrite_pages(results: Results) -> None:
             raise SystemExit(f"{path.relative_to(ROOT)}: no result has the key {key}") from None
 
 
-def digits(value: float) -> str:
-    """Two significant digits, three from 10 on; no exponent."""
-    return f"{float(f'{value:.3g}' if value >= 10 else f'{value:.2g}'):,.10g}"
+def digits(value: float, least: int = 2) -> str:
+    """At least so many significant digits, three from 10 on; no exponent."""
+    count = max(least, 3 if value >= 10 else 2)
+    return f"{float(f'{value:.{count}g}'):,.10g}"
 
 
 def _quartiles(found: float | list[float]) -> list[float]:

@@ -9,10 +9,11 @@
    What could never fit is `LimitExceeded`. With limits per client, which count what has already
    arrived, a request that alone exceeds a limit is admitted if nothing else counts against it.
 
-Two limits are shared elsewhere, as there something can be reclaimed in place of a refusal. The
-frames of interests use `room`: they grow on their own, and the interest above its share ends. Put
-queues (`ingest/put_queues.py`) drop their oldest put, and count for themselves, as a call of this
-class for each put would cost more than the queue.
+Three limits are shared elsewhere. In two of them something can be reclaimed in place of a refusal.
+The frames of interests use `room`: they grow on their own, and the interest above its share ends.
+Put queues (`ingest/put_queues.py`) drop their oldest put, and count for themselves, as a call of
+this class for each put would cost more than the queue. Of a site's frames each robot has a
+share of its own, which counts names (`federation/quota.py`).
 
 Thread safety: none; the owner locks.
 """
@@ -70,7 +71,7 @@ class FairShare:
         return busy(self._limits, self._name, total, why, retry_after_s)
 
     def check(self, client: str, n: int, retry_after_s: float) -> None:
-        """Raise the refusal if there is no room for `n` more."""
+        """Raise the refusal if there is no room for `n` more; takes nothing."""
         if not self.admit(client, n):
             raise self.refusal(client, n, retry_after_s)
         self.give_back(client, n)

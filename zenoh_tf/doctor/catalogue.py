@@ -98,7 +98,7 @@ CATALOGUE: Final = (
         "Lookups in a gap interpolate over it, and lookups at the present fail meanwhile.",
         "Look at the load of its publisher, at the network, and at the drops that `zenoh-tf "
         "authorities` counts.",
-        publishers.sagging,
+        publishers.gaps,
     ),
     Fault(
         "TF106",

@@ -7,7 +7,7 @@ from typing import Final
 
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.words import Evidence, authority, listed, times, window
-from zenoh_tf.introspection.explain import is_stopped, silence_limit_s
+from zenoh_tf.introspection.explain import is_stopped, stopped_after_s
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import age
 
@@ -79,7 +79,7 @@ def static_and_dynamic(facts: TreeFacts) -> Evidence:
             )
 
 
-def is_silent(facts: TreeFacts, link: LinkFacts) -> bool:
+def has_stopped(facts: TreeFacts, link: LinkFacts) -> bool:
     """Return whether a link's samples have ceased to come. Their stamps say so only if nothing
     else does, as a clock may be wrong.
 
@@ -87,7 +87,7 @@ def is_silent(facts: TreeFacts, link: LinkFacts) -> bool:
         facts: What is known about the tree.
         link: A link of it.
     """
-    limit_s = silence_limit_s(link.frame)
+    limit_s = stopped_after_s(link.frame)
     if limit_s is None:
         return False
     last_ns = None if link.seen is None else link.seen.timing.last_ns
@@ -101,7 +101,7 @@ def is_silent(facts: TreeFacts, link: LinkFacts) -> bool:
 def stopped(facts: TreeFacts) -> Evidence:
     reference, by_clock = facts.reference
     for link in facts.dynamic:
-        if not is_silent(facts, link):
+        if not has_stopped(facts, link):
             continue
         last_ns = None if link.seen is None else link.seen.timing.last_ns
         if last_ns is None:
@@ -117,7 +117,7 @@ def stopped(facts: TreeFacts) -> Evidence:
         )
 
 
-def sagging(facts: TreeFacts) -> Evidence:
+def gaps(facts: TreeFacts) -> Evidence:
     for link, seen in facts.seen:
         gaps_ns = [pause.end_ns - pause.start_ns for pause in facts.pauses(link) if pause.is_gap]
         if gaps_ns:

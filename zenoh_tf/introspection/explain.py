@@ -18,7 +18,7 @@ from zenoh_tf.text import quoted
 from zenoh_tf.text.similar import did_you_mean, spelling
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
-__all__ = ["explain", "is_connected", "is_stopped", "path_to_root", "silence_limit_s"]
+__all__ = ["explain", "is_connected", "is_stopped", "path_to_root", "stopped_after_s"]
 
 #: A link has stopped if nothing has come for so many of its periods, and for so long.
 _STOPPED_PERIODS: Final = 10
@@ -35,7 +35,7 @@ class _HasParent(Protocol):
 F = TypeVar("F", bound=_HasParent)
 
 
-def silence_limit_s(frame: FrameInfo) -> float | None:
+def stopped_after_s(frame: FrameInfo) -> float | None:
     """Return for how long no sample of a frame's link may come until it has stopped; None without
     a rate."""
     rate_hz = frame.rate_hz
@@ -44,7 +44,7 @@ def silence_limit_s(frame: FrameInfo) -> float | None:
 
 def is_stopped(frame: FrameInfo, now_ns: int) -> bool:
     """Return whether the samples of a frame's link have ceased to come, by their stamps."""
-    limit_s = silence_limit_s(frame)
+    limit_s = stopped_after_s(frame)
     if limit_s is None or frame.newest_stamp_ns is None:
         return False
     return (now_ns - frame.newest_stamp_ns) * 1e-9 > limit_s

@@ -202,6 +202,14 @@ def node_token(domain: int, zid: str, name: str) -> str:
     return f"{_RMW_TOKEN}/{domain}/{zid}/0/0/NN/%/%/{name}"
 
 
+def quality_of_service(durability: int, depth: int) -> str:
+    """Of a reliable publisher that keeps its last `depth` messages, as rmw_zenoh writes it."""
+    reliable = keep_last = 1
+    deadline = lifespan = ","  # seconds and nanoseconds; empty: none
+    liveliness = ",,"  # kind, seconds and nanoseconds
+    return f"{reliable}:{durability}:{keep_last},{depth}:{deadline}:{lifespan}:{liveliness}"
+
+
 def publisher_token(
     topic: Topic, zid: str, number: int, name: str, kind: MessageType, hash_: str, qos: str
 ) -> str:

@@ -92,7 +92,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
             endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
                 ``tls/HOST:PORT``. Several, as a list or with commas between: the client connects to
                 the first that answers, continues at the next one when that is gone, and returns
-                when it is back; see docs/how-to/replicas.md.
+                when it is back; see "Several endpoints" in docs/explanation/outages.md.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/how-to/security.md.

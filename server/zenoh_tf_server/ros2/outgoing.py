@@ -40,8 +40,10 @@ from ..state.static_links import StaticLinks
 from .publishers import AUTHORITIES, NODE, is_echo
 from .settings import Ros2Settings
 
-#: Reliable, volatile and transient local, as tf2's broadcasters; see docs/how-to/ros2.md.
-_QOS: Final = {"tf": "1:2:1,100:,:,:,,", "tf_static": "1:1:1,1:,:,:,,"}
+_VOLATILE: Final = 2
+_TRANSIENT_LOCAL: Final = 1
+#: The quality of service of each topic: durability and depth, as of tf2's broadcasters.
+_QOS: Final = {"tf": (_VOLATILE, 100), "tf_static": (_TRANSIENT_LOCAL, 1)}
 #: Transforms that wait for their turn; the oldest commits make room.
 _MAX_WAITING: Final = 200_000
 #: Transforms in one message.
@@ -135,8 +137,9 @@ class Outgoing:
         zid = str(session.info.zid())
         self._declare_token(session, keys.node_token(self._domain, zid, NODE))
         number = 0
-        for name, qos in _QOS.items():
-            topic, latched = Topic(name, "", self._domain), name == "tf_static"
+        for name, (durability, depth) in _QOS.items():
+            qos = keys.quality_of_service(durability, depth)
+            topic, latched = Topic(name, "", self._domain), durability == _TRANSIENT_LOCAL
             peers = self._peers[name] = []
             for hash_ in (TF_MESSAGE.hash, keys.NO_HASH):
                 number += 1
