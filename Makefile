@@ -151,7 +151,7 @@ docs: .venv/requirements.stamp ## the documentation and the API reference, in bu
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation: build/site/index.html"
 
-bench: native ## the benchmarks, beside tf2 where it is installed, in 20 minutes; RESULTS=bench/results keeps the medians
+bench: native ## the benchmarks, beside tf2 where it is installed, in half an hour; RESULTS=bench/results keeps the medians
 	@$(BIN)/python -m bench $(if $(RESULTS),--results $(RESULTS)) $(ARGS)
 
 figures: native ## the documentation's measured numbers and figures from bench/results, without measuring

@@ -1,6 +1,6 @@
 """Limits that clients share: how much of one each client may hold, and the error for a refusal.
 
-1. All clients together hold at most the limit. `admit` refuses what would exceed it, and never
+1. All clients together hold at most the limit. `try_take` refuses what would exceed it, and never
    takes away what a client holds.
 2. With a limit per client, a client holds at most that. Without one, a client may grow as long as
    at least as much is left free: with n heavy clients each gets 1/(n+1), so a new client always
@@ -44,7 +44,7 @@ class FairShare:
         """What the client holds."""
         return self._held.get(client, 0)
 
-    def admit(self, client: str, n: int) -> bool:
+    def try_take(self, client: str, n: int) -> bool:
         """Add `n` to what the client holds, if there is room. False: see `refusal`."""
         held, total = self._held.get(client, 0) + n, self.total + n
         if self._own:
@@ -70,13 +70,13 @@ class FairShare:
         why = f"this client would hold {held} of them, and as many must be left free"
         return busy(self._limits, self._name, total, why, retry_after_s)
 
-    def check(self, client: str, n: int, retry_after_s: float) -> None:
+    def require_room(self, client: str, n: int, retry_after_s: float) -> None:
         """Raise the refusal if there is no room for `n` more; takes nothing."""
-        if not self.admit(client, n):
+        if not self.try_take(client, n):
             raise self.refusal(client, n, retry_after_s)
         self.give_back(client, n)
 
-    def take(self, client: str, n: int) -> None:
+    def take_unchecked(self, client: str, n: int) -> None:
         """Add `n` to what the client holds; a negative `n` must leave it some. Does not check."""
         if n:
             self._held[client] = self._held.get(client, 0) + n

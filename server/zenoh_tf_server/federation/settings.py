@@ -84,7 +84,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         action="append",
         type=_link,
         default=[],
-        metavar="LINK",
+        metavar="ROBOT",
         help="ingest a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE, or 'robots/*': all "
         "such trees on this network; ,frames=map:base_link: only their paths; ,rate=10: their "
         "newest samples at 10 Hz; ,max-frames=N: its share; repeatable",

@@ -158,7 +158,8 @@ class ReplicaService(Handler):
         return min(self._feed.age_s(state), _MAX_AGE_S)
 
     def _freshness(self, state: State) -> dict[str, int]:
-        """What the reply to a read that began in `state` says of it: how old it is, and more."""
+        """What the reply to a read that began in `state` says of it: which commits it has seen, how
+        old it is, and the last commit that it may have seen in part (`wire/replica.py`)."""
         reach = max(state.seq, self._feed.reach_seq)
         return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
 

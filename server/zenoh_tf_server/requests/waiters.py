@@ -139,7 +139,7 @@ class Waiters:
         for lookup in lookups:
             self._check(lookup, client)
         with self._lock:  # before anything is made for the rows
-            self._rows.check(client, sum(lookup.rows for lookup in lookups), _RETRY_AFTER_S)
+            self._rows.require_room(client, sum(lookup.rows for lookup in lookups), _RETRY_AFTER_S)
         request = _WaitingRequest(client, wait_id, budget, len(lookups), settle, fail)
         now_s = time.monotonic()
         started = {}
@@ -254,10 +254,10 @@ class Waiters:
             # A client that goes later finds the lookups: `client_gone` locks after that.
             if client != UNKNOWN and not self.is_connected(client):
                 raise ServerUnavailable("the client has gone")
-            self._rows.check(client, rows, _RETRY_AFTER_S)
-            self._links.check(client, links, _RETRY_AFTER_S)
-            self._rows.take(client, rows)
-            self._links.take(client, links)
+            self._rows.require_room(client, rows, _RETRY_AFTER_S)
+            self._links.require_room(client, links, _RETRY_AFTER_S)
+            self._rows.take_unchecked(client, rows)
+            self._links.take_unchecked(client, links)
             self._waiting |= started
             request.lookup_ids.update(started)
             if request.name is not None:

@@ -179,7 +179,7 @@ class Writes:
             entry.outcome, entry.failed = outcome, failed
             waiting, entry.waiting = entry.waiting, ()
             size = _OVERHEAD_BYTES + len(outcome)
-            self._bytes.take(entry.client, size - entry.size)
+            self._bytes.take_unchecked(entry.client, size - entry.size)
             entry.size = size
             period = entry.until_ns // _PERIOD_NS + 1
             ids = self._finished.get(period)
@@ -215,8 +215,8 @@ class Writes:
     def _take_share(self, client: str, size: int, now_ns: int) -> None:
         """Count one more outcome of a client. Requires the lock."""
         self._forget_expired(now_ns, _FORGET_AT_ONCE)
-        if self._count.admit(client, 1):
-            if self._bytes.admit(client, size):
+        if self._count.try_take(client, 1):
+            if self._bytes.try_take(client, size):
                 return
             self._count.give_back(client, 1)
         if self._forget_expired(now_ns, len(self._entries)):  # which may make room
@@ -225,7 +225,7 @@ class Writes:
         retry_after_s = _RETRY_AFTER_S  # when the next outcomes are forgotten
         if self._periods:
             retry_after_s = max(retry_after_s, (self._periods[0] * _PERIOD_NS - now_ns) / _NS)
-        self._count.check(client, 1, retry_after_s)
+        self._count.require_room(client, 1, retry_after_s)
         raise self._bytes.refusal(client, size, retry_after_s)
 
     def _forget_expired(self, now_ns: int, at_most: int) -> int:

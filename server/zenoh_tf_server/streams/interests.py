@@ -200,10 +200,10 @@ class Interests:
             interest = self._interests.get(wanted.id)
             if interest is None or client not in interest.clients:
                 try:
-                    self._shares.check(client, 1, _UNHEARD_IF_BUSY_S)
+                    self._shares.require_room(client, 1, _UNHEARD_IF_BUSY_S)
                 except ServerBusy:
                     self._sweep(_UNHEARD_IF_BUSY_S)
-                    self._shares.check(client, 1, _UNHEARD_IF_BUSY_S)
+                    self._shares.require_room(client, 1, _UNHEARD_IF_BUSY_S)
             if interest is None or wanted.id not in self._interests:
                 interest = _Interest(wanted, self._tree, self._instance)
                 if self._session is not None:
@@ -212,7 +212,7 @@ class Interests:
                 self._interests[wanted.id] = interest
             if client not in interest.clients:
                 interest.clients.add(client)
-                self._shares.take(client, 1)
+                self._shares.take_unchecked(client, 1)
             return interest
 
     def _sweep(self, unheard_s: float) -> None:

@@ -68,9 +68,9 @@ class Lane(Generic[Q]):
         """Queue a request, or return why it is refused."""
         client, cost = request.client, request.size + _OVERHEAD_BYTES
         with self._shares.lock:
-            if not self._queries.admit(client, 1):
+            if not self._queries.try_take(client, 1):
                 return self._queries.refusal(client, 1, RETRY_AFTER_S)
-            if not self._sizes.admit(client, cost):
+            if not self._sizes.try_take(client, cost):
                 self._queries.give_back(client, 1)
                 return self._sizes.refusal(client, cost, RETRY_AFTER_S)
             queue = self._queues.get(client)

@@ -217,7 +217,7 @@ class LocalRequests:
         if not claimed:
             return False
         with self._lock:
-            if not self._shares.admit(claimed, 1):
+            if not self._shares.try_take(claimed, 1):
                 return False
             connection.claimed = claimed
             return True

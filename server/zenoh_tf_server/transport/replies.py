@@ -216,7 +216,7 @@ class Replies:
         client, or for all. None: nothing stands against it, as long as `unread.total` is 0."""
         with self._lock:
             held = self.unread.held(client)
-            if not held or self.unread.admit(client, 0):
+            if not held or self.unread.try_take(client, 0):
                 return None
             refusal = self.unread.refusal(client, 0, RETRY_AFTER_S)
         if held > 2 * self._limits.unread_reply_bytes:
@@ -277,7 +277,7 @@ class Replies:
         """Queue a reply. Requires the outbox's lock."""
         outbox.queue.append(reply)
         with self._lock:
-            self.unread.take(outbox.client, reply.cost)
+            self.unread.take_unchecked(outbox.client, reply.cost)
 
     # --- the sender thread
 
