@@ -90,8 +90,8 @@ struct Model {
     const bool replaces = samples.contains(stamp);
     if (!replaces && samples.size() == limits.max_samples) {
       if (stamp < samples.begin()->first) return InsertResult::rejected;
+      evicted += !too_old(samples.begin()->first, stamp, limits.cache_ns);
       samples.erase(samples.begin());
-      ++evicted;
     }
     samples[stamp] = {parent, x};
     while (too_old(samples.begin()->first, samples.rbegin()->first, limits.cache_ns))
@@ -282,7 +282,7 @@ TEST(a_merge_equals_inserting_one_by_one) {
       for (const Sent& s : sent)
         replaced +=
             one.put(s.stamp, s.parent, static_cast<double>(s.stamp)) == InsertResult::replaced;
-      CHECK(all.merge(sent).rewritten >= replaced);
+      CHECK_EQ(all.merge(sent).rewritten, replaced);
       CHECK(all.newest_first() == one.newest_first());
       const Frame &a = *all.frame, &b = *one.frame;
       CHECK_EQ(a.latest.stamp.load(), b.latest.stamp.load());
@@ -291,9 +291,25 @@ TEST(a_merge_equals_inserting_one_by_one) {
       CHECK_EQ(a.oldest_stamp.load(), b.oldest_stamp.load());
       CHECK_EQ(a.parent_changes.load(), b.parent_changes.load());
       CHECK_EQ(a.samples_per_ns.load(), b.samples_per_ns.load());
+      CHECK_EQ(a.evicted.load(), b.evicted.load());
       for (const Sent& s : all.newest_first())
         CHECK_EQ(all.x(s.stamp), static_cast<double>(s.stamp));
     }
+  }
+}
+
+TEST(what_the_cache_time_prunes_is_not_evicted) {
+  for (const bool merges : {false, true}) {
+    History h(5, 3);
+    for (const Stamp stamp : {1, 2, 4}) h.put(stamp, 1);
+    const auto send = [&](Stamp stamp) {
+      merges ? (void)h.merge({{stamp, 1}}) : (void)h.put(stamp, 1);
+    };
+    send(7);  // prunes the first one
+    CHECK_EQ(h.frame->evicted.load(), 0u);
+    send(6);  // evicts the second one
+    CHECK_EQ(h.frame->evicted.load(), 1u);
+    CHECK_EQ(h.frame->count.load(), 3u);
   }
 }
 

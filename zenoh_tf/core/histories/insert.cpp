@@ -1,6 +1,8 @@
 // The slow paths of inserting: a larger ring, a late sample, a second parent.
 #include "histories/insert.hpp"
 
+#include <vector>
+
 namespace ztf {
 
 namespace {
@@ -38,8 +40,6 @@ PreparedRing merged_ring(const Frame& frame, bool cleared, std::span<const NewSa
   const Ring old = frame.ring.load(relaxed);
   const std::uint32_t first = frame.first.load(relaxed);
   const std::uint32_t count = cleared ? 0 : frame.count.load(relaxed);
-  Stamp newest = samples.back().stamp;
-  if (count != 0) newest = std::max(newest, frame.latest.stamp.load(relaxed));
 
   // Two passes over the same merge: the first counts, so that the second stores only what stays.
   const auto merge = [&](auto&& visit) {
@@ -52,26 +52,33 @@ PreparedRing merged_ring(const Frame& frame, bool cleared, std::span<const NewSa
       const std::uint32_t kept = i;
       i += same;
       while (j < samples.size() && samples[j].stamp == stamp) ++j, ++same;
-      if (!too_old(stamp, newest, limits.cache_ns))
-        visit(stamp, takes_new ? &samples[j - 1] : nullptr, kept, same - 1);
-      else
-        visit(kNoStamp, nullptr, 0, same - 1);
+      visit(stamp, takes_new ? &samples[j - 1] : nullptr, kept, same - 1);
     }
   };
   PreparedRing prepared{Ring(), true, 0, 0, 0, 0, 0};
-  std::uint32_t all = 0;
+  std::vector<Stamp> stamps;
+  stamps.reserve(count + samples.size());
   merge([&](Stamp stamp, const NewSample*, std::uint32_t, std::uint32_t replaced) {
-    all += stamp != kNoStamp;
+    stamps.push_back(stamp);
     prepared.rewritten += replaced;
   });
-  prepared.evicted = all > limits.max_samples ? all - limits.max_samples : 0;
-  prepared.count = all - prepared.evicted;
+  // Drops the oldest samples as the inserts would one by one, so that `evicted` is the same.
+  const Stamp newest_before = count != 0 ? frame.latest.stamp.load(relaxed) : stamps.front();
+  std::uint32_t begin = 0;  // the oldest sample that stays
+  for (std::uint32_t end = 0; end < stamps.size(); ++end) {
+    const Stamp newest = std::max(stamps[end], newest_before);
+    while (too_old(stamps[begin], newest, limits.cache_ns)) ++begin;
+    if (end - begin < limits.max_samples) continue;
+    ++begin;
+    ++prepared.evicted;
+  }
+  prepared.count = static_cast<std::uint32_t>(stamps.size()) - begin;
   prepared.ring = Ring::make(capacity_for(old, prepared.count), memory);
 
   const bool had_parents = frame.parent_changes.load(relaxed) != 0;
   std::uint32_t seen = 0, stored = 0;
   merge([&](Stamp stamp, const NewSample* sample, std::uint32_t kept, std::uint32_t) {
-    if (stamp == kNoStamp || seen++ < prepared.evicted) return;
+    if (seen++ < begin) return;
     const FrameId parent = sample        ? sample->parent
                            : had_parents ? old.parent(first + kept)
                                          : frame.parent.load(relaxed);

@@ -8,7 +8,9 @@
 // 3. A sample older than newest - cache is too old to be inserted; one exactly that old is not. The
 //    caller has dropped those that are too old.
 // 4. After the insert*, samples are pruned by the same limit.
-// 5. A full frame evicts its oldest sample for a new one*, and rejects one older than all*.
+// 5. A full frame evicts its oldest sample for a new one*, and rejects one older than all*. A
+// sample
+//    that rule 4 would prune anyway does not count as evicted.
 // 6. A static transform replaces a dynamic one with its history, and vice versa.
 // Invariants: records/frame.hpp's hold again when a function returns. In between a reader may see
 // any mixture, which validation rejects.
@@ -245,8 +247,8 @@ inline InsertResult insert(Frame& frame, Stamp stamp, FrameId parent, const Pose
     return insert_late(frame, stamp, parent, pose, limits);
   RingEdit ring(frame, parent);
   if (ring.count() == limits.max_samples) {
+    if (!too_old(ring.stamp(0), stamp, limits.cache_ns)) increment(frame.evicted);
     ring.drop_oldest();
-    increment(frame.evicted);
   }
   const std::uint32_t end = ring.count();
   ring.open_slot(end);
