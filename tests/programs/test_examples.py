@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -27,7 +29,8 @@ def run(name: str, endpoint: str) -> str:
 
 
 def test_sensor_and_client(server: Any) -> None:
-    sensor = forks.Popen([sys.executable, EXAMPLES / "sensor.py", "--connect", server.endpoint])
+    command = [sys.executable, EXAMPLES / "sensor.py", "--connect", server.endpoint]
+    sensor = forks.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         with TransformClient.connect(server.endpoint) as tf:
             while not tf.can_transform("map", "camera"):
@@ -38,9 +41,12 @@ def test_sensor_and_client(server: Any) -> None:
                 assert sensor.poll() is None
                 time.sleep(0.05)
         lines = run("client.py", server.endpoint).splitlines()
+        sensor.send_signal(signal.SIGINT)
+        assert (sensor.communicate(timeout=150), sensor.returncode) == (("", ""), 0)
     finally:
-        sensor.terminate()
-        sensor.wait(10)
+        if sensor.poll() is None:
+            sensor.kill()
+            sensor.wait()
     assert [line.split(":")[0] for line in lines] == [
         "now",
         "a quarter of a second before",
