@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 setup test test-ci test-slow test-packages test-all histories anomalies anomalies-service chaos fuzz soak attack \
+.PHONY: help native demo demo-ros2 setup test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
 	coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
@@ -91,8 +91,6 @@ histories: native ## 10,000 random histories against the oracle, and against tf2
 
 anomalies: native ## 1,000,000 concurrent transactions, and every fault that the checker must find; ANOMALIES=96000 is short
 	@ANOMALIES=$(or $(ANOMALIES),1000000) $(BIN)/python -m pytest tests/history -s $(ARGS)
-
-anomalies-service: chaos ## another name of make chaos
 
 chaos: native ## 200,000 remote transactions under kills, stops, partitions and frozen clients; CHAOS=20000 is short, SEED=N repeats a plan
 	@CHAOS=$(or $(CHAOS),200000) $(BIN)/python -m pytest tests/chaos -s $(ARGS)
