@@ -111,12 +111,13 @@ CATALOGUE: Final = (
     Fault(
         "TF107",
         "a link that is too slow for its chain",
-        "Lookups asked for a time before the link's sample had come, and failed. Or they "
-        "waited for it, and on average asked for more than 0.1 s after its newest sample. The "
-        "server counts lookups by query only: others fail in the reader's process. Whether or "
-        "not anybody looks it up, a link is too slow whose samples come at 2.5 Hz at most, if "
-        "those of its chain come 20 times as often: lookups over both at the present wait or "
-        "fail, and the latest common time of the chain is as old as its last sample.",
+        "Three lookups or more asked for a time before the link's sample had come, and failed. Or "
+        "so many failed or waited for it, and on average asked for more than 0.1 s after its "
+        "newest sample. The server counts lookups by query only: others fail in the reader's "
+        "process. Whether or not anybody looks it up, a link is too slow whose samples come at "
+        "2.5 Hz at most, if those of its chain come 20 times as often: lookups over both at the "
+        "present wait or fail, and the latest common time of the chain is as old as its last "
+        "sample.",
         "Publish the link more often, or as static if it never moves. Otherwise let the "
         "consumer wait (`timeout_s`), ask for the latest common time or for the newest sample "
         "of each link (`zenoh-tf latest`), or estimate the pose at the present "

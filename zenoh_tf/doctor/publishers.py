@@ -18,6 +18,8 @@ _FLIPS_PER_S: Final = 0.2
 #: A gap in a link's samples, in its periods and in seconds.
 _GAP_PERIODS: Final = 10
 _GAP_S: Final = 0.5
+#: Late lookups say something of a link from this many on: a single one may be the reader's fault.
+_LATE_LOOKUPS: Final = 3
 #: To wait for a sample that comes soon is usual. On average the newest one may be so old.
 _WAIT_S: Final = 0.1
 #: A slow link, and how many times as fast another one of its chain is.
@@ -137,7 +139,8 @@ def refused(facts: TreeFacts) -> Evidence:
         grown = publisher.refused - before.get(publisher.name, 0)
         # A static link is sent once: what was refused before is missing still.
         is_missing = any(name not in facts.frames for name in re.findall(r"'([^']+)'", reason))
-        if publisher.refused and (grown or is_missing):
+        # A reset forgets the reason: what was refused before it matters no more.
+        if reason and (grown or is_missing):
             yield (
                 publisher.name,
                 f"{publisher.refused:,} of its transforms were refused, the last because: {reason}",
@@ -156,17 +159,17 @@ def _late(facts: TreeFacts) -> Evidence:
         frame = link.frame
         failures = facts.grown(link, "late_failures") or 0
         waits = facts.grown(link, "late_waits") or 0
-        if not failures + waits:
+        if failures + waits < _LATE_LOOKUPS:
             continue
         late_ns = (facts.grown(link, "late_ns") or 0) / (failures + waits)
-        if failures or late_ns > _WAIT_S * 1e9:
-            asked = "1 lookup" if failures + waits == 1 else f"{failures + waits:,} lookups"
+        if failures >= _LATE_LOOKUPS or late_ns > _WAIT_S * 1e9:
             rate = f"is published at {frame.rate_hz:.1f} Hz" if frame.rate_hz else "has one sample"
             yield (
                 frame.name,
-                f"{asked} in {facts.observed_s:.1f} s asked for {quoted(frame.parent)} -> "
-                f"{quoted(frame.name)} {age(round(late_ns))} after its newest sample on average: "
-                f"{failures:,} failed, {waits:,} waited; it {rate} by {authority(frame.authority)}",
+                f"{failures + waits:,} lookups in {facts.observed_s:.1f} s asked for "
+                f"{quoted(frame.parent)} -> {quoted(frame.name)} {age(round(late_ns))} after its "
+                f"newest sample on average: {failures:,} failed, {waits:,} waited; it {rate} by "
+                f"{authority(frame.authority)}",
             )
 
 
