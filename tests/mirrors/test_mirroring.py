@@ -9,7 +9,8 @@ import pytest
 
 from tests.support.logged_trees import CACHE_S, FEW_FRAMES, Writer, logged, make_tree, state
 from zenoh_tf import TransformTree, wire
-from zenoh_tf.errors import ServerBusy, ServerRestarted
+from zenoh_tf._core import ChangeReplay
+from zenoh_tf.errors import InvalidArgumentException, ServerBusy, ServerRestarted
 from zenoh_tf.mirrors.mirroring import Mirroring, MirrorRequest
 from zenoh_tf_server.streams.publisher import RecentMessages
 
@@ -207,6 +208,13 @@ def test_too_many_waiting_messages_are_given_up() -> None:
         network.server.write()
         network.mirroring.received(network.server.publish())
     network.settle()
+
+
+def test_a_tree_with_one_mutex_is_no_mirror() -> None:
+    """Its lookups take that mutex, and are not validated; a replay does not take it."""
+    with pytest.raises(InvalidArgumentException, match="'giant' cannot be a mirror") as caught:
+        ChangeReplay(TransformTree(concurrency="giant"))
+    assert caught.value.field == "concurrency"
 
 
 def test_late_replies_are_ignored() -> None:

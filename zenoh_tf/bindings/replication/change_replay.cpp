@@ -51,7 +51,13 @@ struct Texts {
 
 class Replay {
  public:
-  explicit Replay(Tree& tree) : tree_(tree), replay_(tree.state()) {}
+  explicit Replay(Tree& tree) : tree_(tree), replay_(tree.state()) {
+    if (tree.options().concurrency == Concurrency::giant)
+      raise_invalid(
+          "a tree of concurrency 'giant' cannot be a mirror: a replay does not take its "
+          "mutex",
+          "concurrency");
+  }
 
   void apply(Seq last, nb::handle names, nb::handle authorities, const Column<std::uint8_t>& kind,
              const Column<std::uint32_t>& frame, const Column<Version>& version,

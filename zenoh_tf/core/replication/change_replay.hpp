@@ -23,8 +23,9 @@
 // How long readers wait: all frames of a message are locked at once. Histories that take long to
 // write are therefore written before, as drafts; short changes are made in place.
 //
-// Thread safety: one thread at a time replays. Lookups continue meanwhile, as in any tree, but in
-// one of mode `giant`, whose lookups are not validated. Invariant: nobody else writes the tree.
+// Thread safety: one thread at a time replays. Lookups continue meanwhile, as in any tree. Requires
+// another mode than `giant`, whose lookups are not validated; the bindings refuse that one.
+// Invariant: nobody else writes the tree.
 // Links are not checked for cycles, since the original has done that, and the index of children is
 // not kept.
 #pragma once
