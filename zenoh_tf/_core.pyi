@@ -294,8 +294,8 @@ class Tree(_Reads[Never]):
     def reset(self) -> None:
         """Drop every frame at one instant: all samples, static links and names.
 
-        The tree is then as new, apart from its counters and authorities. To keep the names, use
-        `clear(False)`.
+        The tree is then as new, apart from its authorities and the counters of `stats`. To keep
+        the names, use `clear(False)`.
         """
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         """Remove a frame at one instant: its link, its history and its name.

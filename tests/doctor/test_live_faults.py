@@ -11,7 +11,8 @@ import pytest
 
 from tests.processes.servers import ServerProcess
 from tests.support import command_line
-from zenoh_tf import StampedTransform, Transform
+from tests.support.waiting import wait_until
+from zenoh_tf import AuthorityInfo, StampedTransform, Transform
 from zenoh_tf_client import Broadcaster, TransformClient
 
 from .faults import (
@@ -107,6 +108,26 @@ def named(name: str, robot: Robot) -> Iterator[Row]:
         if arrival_s >= -_LEAD_S:
             link = (f"{name}/{parent}", f"{name}/{child}")
             yield arrival_s, f"{name}/{authority}", static, stamp_s, link, value
+
+
+def test_a_reset_forgets_why_transforms_were_refused(server: ServerProcess) -> None:
+    with server.connect() as tf, tf.broadcaster("closes a loop") as broadcaster:
+
+        def record() -> AuthorityInfo:
+            (found,) = (each for each in tf.authorities() if each.name == "closes a loop")
+            return found
+
+        def doctor() -> command_line.Done:
+            return command_line.run("--connect", server.endpoint, "doctor", "--for", "0")
+
+        broadcaster.send(StampedTransform("map", "base", 1, Transform()))
+        broadcaster.send(StampedTransform("base", "map", 1, Transform()))
+        wait_until(lambda: record().last_refusal)
+        refused = record().refused
+        assert "TF106  transforms that were refused" in doctor().stdout
+        tf.reset()
+        assert (record().refused, record().last_refusal) == (refused, None)
+        assert (doctor().stdout, doctor().returncode) == ("no faults in 0 frames\n", 0)
 
 
 @pytest.mark.slow

@@ -64,6 +64,7 @@ class Stored:
         self.removed.update(self.names)
         self.links = {}
         self.late = {}
+        self.counts = {}
 
     def remove_frame(self, name: str, subtree: bool = False) -> None:
         self.known(name)
@@ -74,6 +75,7 @@ class Stored:
             self.remove_frame(child, subtree=True)
         self.removed.add(name)
         self.links.pop(name, None)
+        self.counts.pop(name, None)
         self.forget_late([name])
         self.events["removed"] += 1
 

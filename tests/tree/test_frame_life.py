@@ -136,6 +136,34 @@ def test_reset_drops_samples_static_links_and_names(tf: Tf) -> None:
     assert tf.frames() == []
 
 
+@pytest.mark.parametrize("how", ["reset", "remove_frame"])
+def test_a_frame_that_comes_back_counts_from_zero(tf: Tf, how: str) -> None:
+    def events() -> list[object]:
+        info = tf.frame("base")
+        counts = (info.rewritten, info.dropped, info.reparented, info.switched)
+        return [*counts, info.authority_changes, info.last_change]
+
+    put(tf, "map", "base", 100, authority="left")
+    put(tf, "map", "base", 100, authority="left")
+    put(tf, "map", "base", 1, authority="left")
+    put(tf, "dock", "base", 101, authority="right")
+    put(tf, "dock", "base", 0, authority="right", static=True)
+    put(tf, "dock", "base", 102, authority="left")
+    assert events()[:-1] == [1, 1, 1, 2, 2]
+    counters = ("rewritten", "dropped", "evicted", "commits")
+    before = [tf.stats()[name] for name in counters]
+    if how == "reset":
+        tf.reset()
+    else:
+        tf.remove_frame("base")
+    before[-1] += 1
+    assert [tf.stats()[name] for name in counters] == before  # what metrics count never goes back
+    put(tf, "map", "base", 1, authority="right")
+    assert events() == [0, 0, 0, 0, 0, None]
+    put(tf, "map", "base", 1, authority="right")
+    assert tf.stats()["rewritten"] == before[0] + 1
+
+
 def test_a_second_late_transform_begins_its_frame_again(make_tf: MakeTf) -> None:
     tf = make_tf(time_jump="clear")
     put(tf, "map", "base", 100)

@@ -6,9 +6,9 @@ namespace ztf {
 TreeTotals Tree::sum_totals() const noexcept {
   const auto acquire = std::memory_order_acquire;
   TreeTotals sum;
-  sum.rewritten = totals_of_freed.rewritten.load(acquire);
-  sum.dropped = totals_of_freed.dropped.load(acquire);
-  sum.evicted = totals_of_freed.evicted.load(acquire);
+  sum.rewritten = totals_of_removed.rewritten.load(acquire);
+  sum.dropped = totals_of_removed.dropped.load(acquire);
+  sum.evicted = totals_of_removed.evicted.load(acquire);
   for (FrameId id = 1, n = size(); id <= n; ++id) {
     const FrameInfo frame = info(id);
     const FrameEvents& counted = events(id);
@@ -24,12 +24,12 @@ TreeTotals Tree::sum_totals() const noexcept {
   return sum;
 }
 
-// Counts that pass from a frame to totals_of_freed meanwhile might be summed twice, or not at all.
+// Counts that pass from a frame to totals_of_removed meanwhile might be summed twice, or not at all.
 // A sum that has seen any of that sees `moves` change, too: it is odd before the first count is
 // moved, and every load here has acquire order.
 TreeTotals Tree::totals() const {
   constexpr int kAttempts = 3;
-  const std::atomic<std::uint64_t>& moves = totals_of_freed.moves;
+  const std::atomic<std::uint64_t>& moves = totals_of_removed.moves;
   for (int i = 0; i < kAttempts; ++i) {
     const std::uint64_t before = moves.load(std::memory_order_seq_cst);
     const TreeTotals sum = sum_totals();

@@ -1,4 +1,4 @@
-// How a tree's state begins, and its lease.
+// How a tree's state begins, its lease, and what removed frames leave.
 #include "tree_state.hpp"
 
 #include "base/host.hpp"
@@ -22,6 +22,19 @@ TreeState::TreeState(const Options& given)
       change_log(options.max_log_bytes != 0 ? std::make_unique<ChangeLog>(options.max_log_bytes)
                                             : nullptr),
       wait_list(options, frames, events) {}
+
+void TreeState::forget_events(std::span<const FrameId> removed) noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  totals_of_removed.moves.fetch_add(1, std::memory_order_seq_cst);
+  for (const FrameId id : removed) {
+    totals_of_removed.rewritten += events[id].rewritten.load(relaxed);
+    totals_of_removed.dropped += events[id].dropped.load(relaxed);
+    totals_of_removed.evicted += frames[id].evicted.load(relaxed);
+    frames[id].evicted.store(0, std::memory_order_release);
+    events[id].reset();
+  }
+  totals_of_removed.moves.fetch_add(1, std::memory_order_seq_cst);
+}
 
 // The clock is read before the store: a thread that is stopped in between promises too little.
 void TreeState::begin_lease(std::int64_t duration_ns) noexcept {

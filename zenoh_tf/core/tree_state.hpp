@@ -43,6 +43,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string>
 
 #include "base/options.hpp"
@@ -94,6 +95,10 @@ struct TreeState {
     }
   }
 
+  // Forgets what is known of frames beside their samples, as they are removed. What they had
+  // counted passes to totals_of_removed. Requires the topology mutex and the frames' write locks.
+  void forget_events(std::span<const FrameId> removed) noexcept;
+
   // Begins a lease of that length from now: until its end, readers in other processes trust what
   // they read. Requires that no other server has taken over. 0 ends the lease. For one thread at a
   // time.
@@ -117,10 +122,10 @@ struct TreeState {
   NameTable names;
   NameTable authorities;
   Version version_base = 0;  // of frames with a new name; guarded by the topology mutex
-  // What freed frames had counted. `moves` is odd while counts pass from them to the others.
+  // What removed frames had counted. `moves` is odd while counts pass from them to these.
   struct {
     std::atomic<std::uint64_t> moves{0}, rewritten{0}, dropped{0}, evicted{0};
-  } totals_of_freed;
+  } totals_of_removed;
   mutable std::mutex giant;
   mutable std::mutex topology;
   ShardedCounter commit_count;

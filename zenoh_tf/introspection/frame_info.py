@@ -200,7 +200,8 @@ class AuthorityInfo:
         refused: Transforms in published messages that the server refused; a message that it
             could not parse counts as one. A refused call raises an error and is not counted,
             so this is always 0 for an embedded tree.
-        last_refusal: Why the server refused the last of these messages; ``None``: none was.
+        last_refusal: Why the server refused the last of these messages; ``None``: none was since
+            the tree was reset.
         dropped_by_queue: Published messages that the server dropped because too many of this
             authority were waiting, or had waited for too long.
         clock_offset_min_s: Least of its stamps' lead over their arrival at the server, over the

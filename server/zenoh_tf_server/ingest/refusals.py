@@ -55,6 +55,14 @@ class Refusals:
         with self._lock:
             self._entry(authority).dropped_puts += puts
 
+    def forget_reasons(self) -> None:
+        """Forget why transforms were refused, as the tree was reset: the reasons name frames that
+        are gone. The counts stay: metrics have them."""
+        with self._lock:
+            for entries in (self._accepted, self._never_accepted):
+                for entry in entries.values():
+                    entry.last_reason = None
+
     def add_to(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """The tree's authority records with what was refused, and records of the others."""
         with self._lock:

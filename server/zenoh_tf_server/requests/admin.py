@@ -8,6 +8,7 @@ from zenoh_tf import wire
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
 
+from ..ingest.refusals import Refusals
 from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
@@ -16,8 +17,9 @@ from ..state.static_links import StaticLinks
 class AdminRequests:
     """Runs `admin` requests, and logs them. Thread safety: all methods."""
 
-    def __init__(self, links: StaticLinks, limits: Limits) -> None:
+    def __init__(self, links: StaticLinks, limits: Limits, refusals: Refusals) -> None:
         self._links = links
+        self._refusals = refusals
         self._name_bytes = limits.name_bytes
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server"))
 
@@ -38,6 +40,7 @@ class AdminRequests:
             self._log.info("clear", "cleared the tree")
         elif what == "reset":
             state_write = self._links.reset(expires_ns)
+            self._refusals.forget_reasons()
             self._log.info("reset", "reset the tree: every frame is gone")
         elif what == "remove_frame":
             name = wire.name(message, "name", self._name_bytes)

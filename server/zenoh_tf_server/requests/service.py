@@ -74,7 +74,7 @@ class Service(Handler):
         #: Called with each commit that the tree has applied, and what became of its rows.
         self.on_commit: Callable[[wire.Commit, bytes], None] | None = None
         self.links = links or StaticLinks(tree, limits, None, Stored())
-        self._admin_requests = AdminRequests(self.links, limits)
+        self._admin_requests = AdminRequests(self.links, limits, self.refusals)
         #: Where clients of this host can map the tree; the server that shares it sets it.
         self.offer: handover.Offer | None = None
         self._identity = {

@@ -136,7 +136,6 @@ void log_orphans(const TreeState& tree, LogTicket& ticket, const WriteLocks& loc
 void free_removed_names(TreeState& tree) {
   if (tree.names.removed_names() == 0) return;
   LongWait::announce();
-  const auto relaxed = std::memory_order_relaxed, release = std::memory_order_release;
   FrameList frames;  // those without a name, and those that refer to one
   for (FrameId id = 1; id <= tree.names.size(); ++id)
     if (tree.names.removed(id) || refers_to_removed(tree, id)) frames.push_back(id);
@@ -146,24 +145,15 @@ void free_removed_names(TreeState& tree) {
     log_orphans(tree, ticket, locks);
     locks.begin_write();
     ticket.draw();
-    auto& freed = tree.totals_of_freed;
-    freed.moves.fetch_add(1, std::memory_order_seq_cst);
     for (const FrameId id : frames) {
       if (!tree.names.removed(id)) {
         forget_removed_parents(tree, id);
         continue;
       }
       tree.version_base = std::max(tree.version_base, locks.version_after(id));
-      Frame& frame = tree.frames[id];
-      FrameEvents& events = tree.events[id];
-      freed.rewritten += events.rewritten.load(relaxed);
-      freed.dropped += events.dropped.load(relaxed);
-      freed.evicted += frame.evicted.load(relaxed);
-      frame.evicted.store(0, release);
-      events.reset();
+      tree.events[id].forget_lookups();  // those counted since the removal, without its locks
       tree.names.expire_refs(id);
     }
-    freed.moves.fetch_add(1, std::memory_order_seq_cst);
     tree.event_log.forget([&](FrameId id) { return tree.names.removed(id); });
     tree.ids_freed.fetch_add(1, std::memory_order_seq_cst);
     locks.release_from(tree.version_base);

@@ -56,13 +56,13 @@ void drop_frames(TreeState& tree, const FrameList& frames, std::int64_t expires_
   for (const FrameId id : frames) {
     Frame& frame = tree.frames[id];
     clear_frame(tree, id);
-    tree.events[id].forget_lookups();
     if (const Ring ring = frame.ring.load(std::memory_order_relaxed)) {
       rings.push_back(ring);
       frame.ring.store(Ring(), std::memory_order_release);
     }
     tree.names.remove(id);
   }
+  tree.forget_events(frames);
   locks.release(frames);
   ticket.publish();
   for (const Ring ring : rings) ring.give_back(tree.ring_arena);

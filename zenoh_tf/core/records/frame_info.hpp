@@ -13,7 +13,7 @@
 namespace ztf {
 
 // How often rare events happened to a frame, and the last one that changed its link. The counters
-// never go back while the frame has its name: 64 bits do not wrap.
+// never go back until the frame is removed: 64 bits do not wrap.
 struct FrameEvents {
   enum class Change : std::uint8_t {
     none,
@@ -64,13 +64,13 @@ struct FrameEvents {
     jumped_at_ns.store(0, std::memory_order_release);
   }
 
-  // Forgets the lookups for which the link was late, as the frame is removed.
+  // Forgets the lookups for which the link was late.
   void forget_lookups() noexcept {
     for (auto* counter : {&late_failures, &late_waits, &late_ns})
       counter->store(0, std::memory_order_release);
   }
 
-  // Forgets everything, as the frame gets another name. Requires the frame's write lock.
+  // Forgets everything, as the frame is removed. Requires the frame's write lock.
   void reset() noexcept {
     const auto release = std::memory_order_release;
     for (auto* counter :

@@ -345,6 +345,7 @@ void ChangeReplay::publish(const ChangeColumns& changes) noexcept {
       continue;
     }
     tree_.names.remove(target.id);
+    tree_.forget_events({&target.id, 1});
     replaced(frame.ring.load(std::memory_order_relaxed));
     frame.ring.store(Ring(), release);
   }
