@@ -1,8 +1,8 @@
 // The transform tree: what other parts of the project may ask of the core.
 //
 // A tree is a TreeState. The head of tree_state.hpp has the order of all locks, the states of a
-// name and the invariants. The folders on top of that do the work: lookups/ reads it, commits/ writes
-// it, and replication/ copies it.
+// name and the invariants. The folders on top of that do the work: lookups/ reads it, commits/
+// writes it, and replication/ copies it.
 //
 // Thread safety: every function, from any thread.
 #pragma once

@@ -1,7 +1,8 @@
 // What a tree consists of: its frames, names, rings, counters, logs and waiting lookups.
 //
-// The folders above work on it: modes/, shared/, lookups/, commits/ and replication/. Everybody else
-// uses the Tree (tree.hpp), which has this as its base. Needs a 64-bit target (records/frame.hpp).
+// The folders above work on it: modes/, shared/, lookups/, commits/ and replication/. Everybody
+// else uses the Tree (tree.hpp), which has this as its base. Needs a 64-bit target
+// (records/frame.hpp).
 //
 // Thread safety: every function, from any thread. A member that says nothing else is of a type that
 // is safe by itself.
