@@ -10,9 +10,7 @@ Another routine compares the clocks, and subscribes again if the stream is silen
 answers: a server sends ten heartbeats a second. A `Runner` has the threads: `own_threads` of a
 mirror, or one thread for all robots of a site.
 
-Thread safety: all methods.
-
-Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
+Thread safety: all methods. Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """
 
 from __future__ import annotations
@@ -115,6 +113,7 @@ class MirrorFeed:
         self._sender = senders(source.tree, interest.id if interest else "")
         #: Grows with the messages that have come. Written by the listening thread alone.
         self.heard = 0
+        self.silent_at = -1  #: What `heard` was when nothing had come for seconds.
         self._is_applying = False  # written by the listening thread alone
         self.clock = ServerClock()
         #: Another one once the stream was silent.
@@ -234,6 +233,7 @@ class MirrorFeed:
             if self._interest and silent and (yield from self._compare_clocks()):
                 self._restart()  # the server was restarted, or has ended the interest
             if silent >= _MAX_SILENT_PERIODS:
+                self.silent_at = heard
                 if (yield from self._compare_clocks()):
                     self._subscribe_again()
                     silent = 0

@@ -89,9 +89,9 @@ class BaseMirror(MirrorReads):
     def synced(self) -> bool:
         """Returns True if the mirror knows of nothing that it lacks.
 
-        A lost connection is noticed late: `age_s` shows it sooner.
+        A lost connection is noticed after some seconds: `age_s` shows it sooner.
         """
-        return self._feed.state.synced
+        return self._feed.state.synced and self._feed.silent_at != self._feed.heard
 
     @property
     def instance(self) -> str:

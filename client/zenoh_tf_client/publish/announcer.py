@@ -1,10 +1,10 @@
 """Sends a broadcaster's static transforms again to each new server instance.
 
 A server that restarts without a state has lost them. The same instance still has them, so a mere
-reconnect sends nothing: an operator may have corrected or removed one meanwhile. Transforms that
-were sent while no server was there go to the next one as they are. The others are marked as an
-announcement, which the server applies only where no call and nobody else has changed or removed the
-link.
+reconnect sends nothing but what was sent shortly before the connection ended, as it may not have
+arrived: an operator may have corrected or removed one meanwhile. Transforms that were sent while no
+server was there go to the next one as they are. The others are marked as an announcement, which the
+server applies only where no call and nobody else has changed or removed the link.
 
 Thread safety: all methods.
 """
@@ -39,6 +39,9 @@ _PERIOD_S: Final = 0.2
 _QUEUED_REPORTS: Final = 64
 #: An announcement that failed is repeated after this time at most.
 _MAX_RETRY_S: Final = 5.0
+#: What was sent so long before the connection ended may not have arrived: Zenoh notices after 10 s
+#: that a network is cut.
+_MAY_BE_LOST_S: Final = 20.0
 #: A message of an announcement, even if the server accepts more.
 _MESSAGE_BYTES: Final = 1 << 20
 _MESSAGE_ROWS: Final = 4096
@@ -55,6 +58,8 @@ class Announcer:
         # Guarded by the lock.
         self._statics: dict[str, StampedTransform] = {}
         self._unsent: set[str] = set()  # child frames that were sent while no server was there
+        self._sent_s: dict[str, float] = {}  # when each child frame was sent last
+        self._may_be_lost: set[str] = set()  # child frames that a server may not have received
         self._informed = connection.known_instance  # has all that is not in _unsent
         self._present = {self._informed} - {None}  # the servers that are there
         self._may_be_new = False  # one of them
@@ -86,6 +91,7 @@ class Announcer:
             self._publisher.put(payload)
             for row in rows:
                 self._statics[row.child_frame] = row
+                self._sent_s[row.child_frame] = time.monotonic()
                 if not self._present:
                     self._unsent.add(row.child_frame)
                 else:
@@ -100,7 +106,9 @@ class Announcer:
         """Inform a server that is new. Raises ServerUnavailable if the connection is closed."""
         with self._lock:
             self._read_reports()
-            is_due = bool(self._present) and (self._may_be_new or bool(self._unsent))
+            # Zenoh does not report each server that was there before a connection ended.
+            lacks = bool(self._unsent or self._may_be_lost)
+            is_due = lacks or (bool(self._present) and self._may_be_new)
         if not is_due or time.monotonic() < self._next_try_s:
             return
         try:
@@ -141,6 +149,9 @@ class Announcer:
                         self._may_be_new |= instance != self._informed
                     else:
                         self._present.discard(instance)
+                        since_s = time.monotonic() - _MAY_BE_LOST_S
+                        recent = {name for name, at_s in self._sent_s.items() if at_s > since_s}
+                        self._may_be_lost |= recent - self._unsent
 
     def _inform(self) -> bool:
         """Send what the server lacks. False: it does not receive puts yet."""
@@ -160,7 +171,8 @@ class Announcer:
         with self._lock:
             unsent = list(self._unsent)
             is_new = server.instance != self._informed
-            others = [name for name in self._statics if name not in self._unsent] if is_new else []
+            again = self._statics if is_new else self._may_be_lost
+            others = [name for name in again if name not in self._unsent]
             if not unsent and not others:
                 self._informed = server.instance
                 return True
@@ -174,6 +186,7 @@ class Announcer:
         with self._lock:
             self._informed = server.instance
             self._unsent.difference_update(unsent)
+            self._may_be_lost.difference_update(unsent, others)
         return True
 
     def _send_again(self, frames: list[str], server: ServerInfo, *, announce: bool) -> None:
