@@ -24,9 +24,9 @@ TreeTotals Tree::sum_totals() const noexcept {
   return sum;
 }
 
-// Counts that pass from a frame to totals_of_removed meanwhile might be summed twice, or not at all.
-// A sum that has seen any of that sees `moves` change, too: it is odd before the first count is
-// moved, and every load here has acquire order.
+// Counts that pass from a frame to totals_of_removed meanwhile might be summed twice, or not at
+// all. A sum that has seen any of that sees `moves` change, too: it is odd before the first count
+// is moved, and every load here has acquire order.
 TreeTotals Tree::totals() const {
   constexpr int kAttempts = 3;
   const std::atomic<std::uint64_t>& moves = totals_of_removed.moves;
