@@ -47,7 +47,7 @@ def cut(proxy: TcpProxy, mirror: Mirror) -> None:
 
 
 def arrives(sensor: Broadcaster, client: TransformClient, stamp_ns: int) -> bool:
-    """Send a dynamic transform, and return whether the server has it or an earlier one of these."""
+    """Send a dynamic transform, and return whether the server has one of its stamp."""
     sensor.send(link("tool", stamp_ns))
     return newest(client, "tool") == stamp_ns
 
