@@ -1,11 +1,9 @@
-"""The SDK against a real server: every method, and results equal to the embedded tree's."""
+"""The SDK against a real server. That reads are the embedded tree's is in test_answers.py."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf.errors import (
-    ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
@@ -49,131 +46,6 @@ def fill(tf: TransformClient | TransformTree) -> None:
     for stamped in LINKS:
         assert tf.set_transform(stamped) is True
     tf.set_transforms_xact([link("base", "camera", 0), link("base", "arm", 0)], "urdf", static=True)
-
-
-QUESTIONS: dict[str, Callable[[Any], Any]] = {
-    "common": lambda tf: tf.lookup_transform("map", "base"),
-    "at": lambda tf: tf.lookup_transform("map", "camera", 5 * S // 2),
-    "itself": lambda tf: tf.lookup_transform("map", "map"),
-    "full": lambda tf: tf.lookup_transform_full("odom", 1 * S, "odom", 3 * S, "map"),
-    "full without times": lambda tf: tf.lookup_transform_full("arm", None, "odom", None, "map"),
-    "latest": lambda tf: tf.lookup_latest_transform("map", "base"),
-    "latest xact": lambda tf: tf.lookup_latest_transform_xact("camera", "map"),
-    "latest many": lambda tf: tf.lookup_latest_transforms_xact([("map", "base"), ("arm", "odom")]),
-    "latest none": lambda tf: tf.lookup_latest_transforms_xact([]),
-    "can": lambda tf: tf.can_transform("map", "base", 5 * S // 2),
-    "cannot": lambda tf: tf.can_transform("map", "base", 9 * S),
-    "cannot, unknown": lambda tf: tf.can_transform("map", "nowhere"),
-    "common time": lambda tf: tf.latest_common_time("map", "base"),
-    "common time, static": lambda tf: tf.latest_common_time("camera", "arm"),
-    "chain": lambda tf: tf.chain("camera", "odom"),
-    "chain at": lambda tf: tf.chain("map", "base", 2 * S),
-    "explain": lambda tf: tf.explain("camera", "odom"),
-    "explain a failure": lambda tf: tf.explain("map", "base", 9 * S),
-    "explain an unknown name": lambda tf: tf.explain("map", "bass"),
-    "explain what is unconnected": lambda tf: tf.explain("map", "shore"),
-    "frames": lambda tf: sorted(tf.frames()),
-    "parent": lambda tf: tf.parent("base"),
-    "parent at": lambda tf: tf.parent("base", 3 * S),
-    "parent of root": lambda tf: tf.parent("map"),
-    "unknown": lambda tf: tf.lookup_transform("map", "nowhere"),
-    "unknown frame": lambda tf: tf.frame("nowhere"),
-    "unconnected": lambda tf: tf.lookup_transform("map", "shore"),
-    "unconnected latest": lambda tf: tf.lookup_latest_transform_xact("map", "shore"),
-    "too new": lambda tf: tf.lookup_transform("map", "base", 9 * S),
-    "too old": lambda tf: tf.lookup_transform("map", "base", 1),
-    "single sample": lambda tf: tf.lookup_transform("island", "shore", 2 * S),
-    "empty name": lambda tf: tf.lookup_transform("", "base"),
-    "long name": lambda tf: tf.set_transform(link("map", "x" * 256, 1 * S)),
-    "self": lambda tf: tf.set_transform(link("map", "map", 1 * S)),
-    "cycle": lambda tf: tf.set_transform(link("camera", "map", 1 * S)),
-    "one bad of two": lambda tf: tf.set_transforms_xact(
-        [link("map", "new", 1 * S), link("new2", "new2", 1 * S)]
-    ),
-}
-
-
-def ask(tf: Any, question: Callable[[Any], Any]) -> Any:
-    try:
-        return question(tf)
-    except TransformException as error:
-        return type(error), str(error), error.facts
-
-
-def test_every_answer_is_the_embedded_trees(any_server: ServerProcess) -> None:
-    tree = TransformTree()
-    with any_server.connect() as tf:
-        fill(tree)
-        fill(tf)
-        for name, question in QUESTIONS.items():
-            mine, theirs = ask(tf, question), ask(tree, question)
-            if isinstance(mine, StampedTransform):
-                assert type(mine) is type(theirs), name
-                assert (mine.parent_frame, mine.child_frame, mine.stamp_ns) == (
-                    theirs.parent_frame,
-                    theirs.child_frame,
-                    theirs.stamp_ns,
-                ), name
-                assert mine.transform.pose() == pytest.approx(theirs.transform.pose(), abs=1e-15)
-            elif name == "empty name":  # a row of a column is not called by the argument's name
-                assert mine[0] is theirs[0] is InvalidArgumentException
-            else:
-                assert mine == theirs, name
-
-
-def test_arrays(client: TransformClient) -> None:
-    fill(client)
-    stamps = np.linspace(2 * S, 3 * S, 1000).astype(np.int64)
-    many = client.sample("map", "base", stamps)
-    assert many.status.tolist() == [0] * 1000
-    assert many.stamps_ns.tolist() == stamps.tolist()
-    one = client.lookup_transform("map", "base", int(stamps[500]))
-    assert many.translations[500] == pytest.approx(one.transform.translation, abs=1e-15)
-    assert many.rotations[500] == pytest.approx(one.transform.rotation, abs=1e-15)
-
-    mixed = client.lookup_transforms(["map", "map", "x"], ["base", "shore", "base"], None)
-    assert mixed.status.tolist() == [0, ConnectivityException.code, LookupException.code]
-    assert mixed.stamps_ns[0] == 3 * S
-    single = client.lookup_transforms("map", ["base", "odom"], 5 * S // 2)
-    assert single.status.tolist() == [0, 0]
-    assert client.lookup_transforms([], [], None).status.size == 0
-    with pytest.raises(InvalidArgumentException):
-        client.lookup_transforms(["map"], ["base", "odom"], None)
-    with pytest.raises(InvalidArgumentException):
-        client.sample("map", "base", [0.5])
-    for stamp_ns in (0.5, "now", 1 << 63, -(1 << 63)):
-        with pytest.raises(InvalidArgumentException) as caught:
-            client.lookup_transform("map", "base", stamp_ns)  # type: ignore[arg-type]
-        assert caught.value.field == "stamp_ns"
-
-
-@pytest.mark.parametrize("stamp_ns", [1 << 63, -(1 << 63), 1 << 64, 1 << 70, -(1 << 70)])
-def test_no_stamp_is_wrapped_or_taken_for_none(client: TransformClient, stamp_ns: int) -> None:
-    """-2^63 stands for "no time given" in a message, so no caller may pass it."""
-    fill(client)
-    calls: list[tuple[str, Callable[[], object]]] = [
-        ("stamps_ns", lambda: client.sample("map", "base", [stamp_ns])),
-        ("stamps_ns", lambda: client.lookup_transforms(["map"], "base", [stamp_ns])),
-        ("stamps_ns", lambda: client.lookup_transforms("map", "base", stamp_ns)),
-        ("stamp_ns", lambda: client.lookup_transform("map", "base", stamp_ns)),
-        ("stamp_ns", lambda: client.lookup_velocity("map", "base", stamp_ns)),
-        ("stamp_ns", lambda: client.estimate_transform("map", "base", stamp_ns)),
-        ("stamps_ns", lambda: client.estimate_transforms("map", "base", stamp_ns)),
-        ("stamp_ns", lambda: client.parent("base", stamp_ns)),
-        ("stamp_ns", lambda: client.chain("map", "base", stamp_ns)),
-        (
-            "target_stamp_ns",
-            lambda: client.lookup_transform_full("map", stamp_ns, "base", 2 * S, "odom"),
-        ),
-        (
-            "source_stamp_ns",
-            lambda: client.lookup_transform_full("map", 2 * S, "base", stamp_ns, "odom"),
-        ),
-    ]
-    for field, call in calls:
-        with pytest.raises(InvalidArgumentException) as caught:
-            call()
-        assert caught.value.field == field
 
 
 def test_unsigned_stamps_that_fit(client: TransformClient) -> None:

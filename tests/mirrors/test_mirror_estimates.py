@@ -2,45 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 
 import pytest
 
-from tests.processes.servers import ServerProcess
 from tests.support.moving_arm import MS, fill
 from tests.support.waiting import wait_until
 from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree
 from zenoh_tf._core import ChangeLog, ChangeReplay
 from zenoh_tf._net.server_clock import ServerClock, now_ns
-from zenoh_tf.errors import (
-    ForwardExtrapolationException,
-    ServerUnavailable,
-    TooUncertain,
-)
-from zenoh_tf_client import AsyncTransformClient, OutsideInterest, TransformClient
+from zenoh_tf_client import OutsideInterest, TransformClient
 
 END_NS = 10**18
 AHEAD_NS = END_NS + 30 * MS
-
-
-def test_a_mirror_estimates_as_the_server(client: TransformClient) -> None:
-    fill(client, END_NS)
-    expected = client.estimate_transform("map", "tool", AHEAD_NS, level=0.95)
-    with client.mirror() as m:
-        found = m.estimate_transform("map", "tool", AHEAD_NS, level=0.95)
-        assert (found.error_m, found.error_rad, found.backtests, found.by_ns) == pytest.approx(
-            (expected.error_m, expected.error_rad, expected.backtests, expected.by_ns)
-        )
-        many = m.estimate_transforms("map", ["tool", "nobody"], AHEAD_NS, level=0.95)
-        assert many.ok.tolist() == [True, False]
-        assert many.error_m[0] == pytest.approx(found.error_m)
-        with pytest.raises(TooUncertain):
-            m.estimate_transform("map", "tool", AHEAD_NS, max_error_m=found.error_m / 2)
-        with pytest.raises(ForwardExtrapolationException):
-            m.estimate_transform("map", "tool", END_NS + 600 * MS)
-    with pytest.raises(ServerUnavailable):
-        m.estimate_transform("map", "tool", AHEAD_NS)
 
 
 def test_an_interest_has_the_estimates_of_its_pairs(client: TransformClient) -> None:
@@ -76,20 +50,6 @@ def test_the_clock_of_a_server() -> None:
     assert 77 * 10**9 <= clock.real_ns() < 87 * 10**9
     clock.compared("new", now_ns(), 2_000)  # a snapshot's reply has none
     assert clock.real_ns() >= 77 * 10**9
-
-
-def test_an_asynchronous_mirror(server: ServerProcess, client: TransformClient) -> None:
-    fill(client, END_NS)
-
-    async def main() -> None:
-        tf = await AsyncTransformClient.connect(server.endpoint, server.tree)
-        async with tf, await tf.mirror() as m:
-            found = m.estimate_transform("map", "tool", AHEAD_NS)
-            assert found.by_ns == 30 * MS
-            asked = await tf.estimate_transform("map", "tool", AHEAD_NS)
-            assert found.error_m == pytest.approx(asked.error_m)
-
-    asyncio.run(main())
 
 
 def test_backtests_of_a_mirror_know_late_samples() -> None:

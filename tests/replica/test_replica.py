@@ -20,7 +20,6 @@ from tests.conftest import StartServer, linux
 from tests.processes.ports import free_endpoint, free_port
 from tests.processes.replicas import DEADLINE_S, FRAMES, reads_near, seen, step
 from tests.processes.servers import ServerProcess
-from tests.support import moving_arm
 from tests.support.raw import raw
 from tests.support.threads import together
 from tests.support.waiting import wait_until
@@ -141,45 +140,6 @@ def test_a_mirror_near_a_replica(near: TransformClient) -> None:
         near.set_transforms_xact(step(5))
         m.wait_for()
         assert m.lookup_transform("map", FRAMES[0]).stamp_ns == 5
-
-
-def test_all_kinds_of_reads(primary: ServerProcess, near: TransformClient) -> None:
-    tree = TransformTree()
-    with primary.connect(10) as tf:
-        for where in (tree, tf):
-            for stamp in range(1, 5):
-                where.set_transforms_xact(step(stamp * 10**9))
-            where.set_transform(StampedTransform("frame1", "tool", 0, Transform((1, 2, 3))))
-            where.set_transform(StampedTransform("map", "lamp", 0, Transform()), static=True)
-        receipt = tf.last_receipt
-    near._connection.exchange.seen.least = receipt
-    assert sorted(near.frames()) == sorted(tree.frames())
-    assert near.chain("frame1", "frame2") == tree.chain("frame1", "frame2")
-    assert near.parent("lamp") == "map"
-    assert near.frame("lamp").static
-    at = 2_500_000_000
-    found = near.sample("frame1", "frame2", [at, at + 1, 9 * 10**9])
-    expected = tree.sample("frame1", "frame2", [at, at + 1, 9 * 10**9])
-    assert found.status.tolist() == expected.status.tolist()
-    assert found.translations[:2].tolist() == expected.translations[:2].tolist()
-    assert near.lookup_velocity("frame1", "map", at).linear.tolist() == pytest.approx([1e9, 0, 0])
-    assert not near.can_transform("map", "nobody")
-    assert {"replica_age_s", "replica_seq", "replica_snapshots"} <= near.stats().keys()
-    assert reads_near(near)
-
-
-def test_a_replica_estimates(primary: ServerProcess, near: TransformClient) -> None:
-    end_ns = time.time_ns()
-    moving_arm.fill(near, end_ns)
-    question = ("map", "tool", end_ns + 30 * moving_arm.MS)
-    found = near.estimate_transform(*question)
-    with primary.connect(10) as tf:
-        expected = tf.estimate_transform(*question)
-    assert found.error_m == pytest.approx(expected.error_m)
-    assert (found.backtests, found.by_ns) == (expected.backtests, expected.by_ns)
-    now = near.estimate_transform("map", "tool", max_by_s=100.0)
-    assert end_ns < now.stamp_ns <= time.time_ns()
-    assert reads_near(near)
 
 
 def test_a_lookup_waits_at_the_replica(primary: ServerProcess, near: TransformClient) -> None:

@@ -205,25 +205,6 @@ def test_errors_are_those_of_lookups() -> None:
     assert tree.estimate_transform("base", "tool", END_NS + 501 * MS, max_by_s=0.6)
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        *(("level", level) for level in (0.0, 1.0, -1.0, math.nan)),
-        *(("max_by_s", by_s) for by_s in (-1.0, math.nan, math.inf)),
-        *(("radius_m", radius) for radius in (-1.0, math.nan, math.inf)),
-        *(("max_error_m", limit) for limit in (-1.0, math.nan)),
-        *(("min_level", level) for level in (0.0, 1.5, math.nan)),
-        *(("stamp_ns", stamp) for stamp in (1 << 63, 0.5)),
-    ],
-)
-def test_malformed_arguments_are_named(field: str, value: object) -> None:
-    tree = moving(circle, 1)
-    arguments = {"stamp_ns": END_NS} | {field: value}
-    with pytest.raises(InvalidArgumentException) as caught:
-        tree.estimate_transform("map", "base", **arguments)  # type: ignore[arg-type]
-    assert caught.value.field == field
-
-
 def test_reparented_frames_use_the_history_of_their_parent() -> None:
     tree = moving(circle)
     put(tree, lambda _: Transform((7, 0, 0)), [END_NS + 50 * MS, END_NS + 100 * MS], parent="dock")
