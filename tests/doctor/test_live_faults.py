@@ -15,61 +15,33 @@ from tests.support.waiting import wait_until
 from zenoh_tf import AuthorityInfo, StampedTransform, Transform
 from zenoh_tf_client import Broadcaster, TransformClient
 
-from .faults import (
-    Found,
-    bursts,
-    clock_ahead,
-    clock_behind,
-    frozen_pose,
-    frozen_stamp,
-    identical_statics,
-    jitter,
-    jump,
-    loose_mount,
-    mount_in_millimetres,
-    one_stamp_a_minute_ahead,
-    optical_frame,
-    out_of_order,
-    simulated_time,
-    slow_link,
-    static_of_two_authorities,
-    static_that_changes,
-    stopped,
-    two_publishers,
-)  # fmt: skip
+from .faults import FAULTS, Found, Make, beside, moving
 from .healthy import parked, steady
 from .ward import END_S, START_S, Robot, pose
 
-
-def replaced_before_the_doctor_came(robot: Robot) -> Found:
-    robot.rest()
-    robot.wheels()
-    robot.mount("camera", pose(0.32, 0.0, 0.5), -0.5, "calibration")
-    return {("TF402", "camera")}
-
-
-def one_stamp_ahead_before_the_doctor_came(robot: Robot) -> Found:
-    robot.rest()
-    robot.wheels(stamp=lambda t: t + (60 if t == -1 else 0))
-    return {("TF202", "base")}
-
-
-def fast_clock(robot: Robot) -> Found:
-    """So fast that the delays of a loaded machine do not hide it."""
-    robot.rest()
-    robot.wheels(stamp=lambda t: t + 0.2 * (t - START_S))
-    return {("TF206", "wheels")}
-
-
 #: Where a robot's time of 0 s is, after the beginning.
 _LEAD_S = 2.0
-ROBOTS = [
-    steady, two_publishers, stopped, clock_ahead, clock_behind, frozen_stamp, simulated_time,
-    fast_clock, jitter, static_that_changes, static_of_two_authorities, slow_link, out_of_order,
-    jump, mount_in_millimetres, loose_mount, replaced_before_the_doctor_came,
-    one_stamp_ahead_before_the_doctor_came, one_stamp_a_minute_ahead, identical_statics, parked,
-    frozen_pose, bursts, optical_frame,
-]  # fmt: skip
+ROBOTS: dict[str, tuple[Make, Found]] = {
+    "steady": (steady, set()),
+    "parked": (parked, set()),
+    "replaced_before_the_doctor_came": (
+        beside(Robot.mount, "camera", pose(0.32, 0.0, 0.5), -0.5, "calibration"),
+        {("TF402", "camera")},
+    ),
+    "one_stamp_ahead_before_the_doctor_came": (
+        moving(stamp=lambda t: t + (60 if t == -1 else 0)),
+        {("TF202", "base")},
+    ),
+    # So fast that the delays of a loaded machine do not hide it.
+    "fast_clock": (moving(stamp=lambda t: t + 0.2 * (t - START_S)), {("TF206", "wheels")}),
+}
+for _name in (
+    *("two_publishers", "stopped", "clock_ahead", "clock_behind", "frozen_stamp", "simulated_time"),
+    *("jitter", "static_that_changes", "static_of_two_authorities", "slow_link", "out_of_order"),
+    *("jump", "mount_in_millimetres", "loose_mount", "one_stamp_a_minute_ahead", "frozen_pose"),
+    *("identical_statics", "bursts", "optical_frame"),
+):
+    ROBOTS[_name] = FAULTS[_name]
 #: Names that all robots have below their own name.
 SHARED = {"TF301"}
 
@@ -134,11 +106,10 @@ def test_a_reset_forgets_why_transforms_were_refused(server: ServerProcess) -> N
 @pytest.mark.own_server
 def test_robots_with_faults(server: ServerProcess) -> None:
     robots, expected = {}, set()
-    for make in ROBOTS:
-        name = make.__name__
+    for name, (make, found) in ROBOTS.items():
         robots[name] = Robot()
-        found = make(robots[name])
-        expected |= {(fault, f"{name}/{subject}") for fault, subject in found or ()}
+        make(robots[name])
+        expected |= {(fault, f"{name}/{subject}") for fault, subject in found}
     with server.connect() as tf:
         begun = threading.Event()
         publisher = threading.Thread(target=publish, args=(tf, robots, begun))
