@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from tests.processes import forks
-from tests.support.command_line import Run
+from tests.support.command_line import Run, begun
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.mapped_tree import COUNTERS
@@ -329,10 +327,7 @@ def test_authorities_shows_refusals(run: Run, client: TransformClient) -> None:
     """Also those of an authority that never had a transform accepted."""
     with client.broadcaster("broken driver") as broken:
         broken.send([StampedTransform("a", "a", stamp, Transform()) for stamp in range(3)])
-        deadline = time.monotonic() + 10
-        while not client.authorities():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(client.authorities)
     (record,) = document(run("authorities", "--json"))["authorities"]
     assert (record["name"], record["refused"], record["stored"]) == ("broken driver", 3, 0)
     _, line, reason = succeeds(run("authorities")).splitlines()
@@ -388,11 +383,7 @@ def test_help_names_every_command(zenoh_tf: Run) -> None:
 
 @pytest.mark.usefixtures("chain")
 def test_a_reader_that_goes_away_is_no_error(server: Any) -> None:
-    with forks.Popen(
-        [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, "frames"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with begun("--connect", server.endpoint, "frames") as process:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""

@@ -8,14 +8,12 @@ import shlex
 import signal
 import socket
 import subprocess
-import sys
 import time
 from typing import Any
 
 import pytest
 
-from tests.processes import forks
-from tests.support.command_line import Run
+from tests.support.command_line import Run, begun
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
@@ -185,10 +183,7 @@ def test_interrupted() -> None:
     """Ctrl-C while it waits for a server that does not answer."""
     with socket.create_server(("127.0.0.1", 0)) as mute:
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
-        with forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_tools", "--connect", endpoint, "frames"],
-            stderr=subprocess.PIPE,
-        ) as process:
+        with begun("--connect", endpoint, "frames") as process:
             mute.settimeout(20)
             mute.accept()[0].close()
             process.send_signal(signal.SIGINT)

@@ -19,7 +19,7 @@ import pytest
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
-from tests.support.command_line import MODULE, Run
+from tests.support.command_line import MODULE, Run, begun
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
@@ -67,11 +67,7 @@ def test_echo_reports_as_json(robot: TransformClient, command: Run) -> None:
 
 def test_echo_prints_changes(robot: TransformClient) -> None:
     arguments = ["--on-change", "--json", "--count", "2"]
-    with forks.Popen(
-        [sys.executable, *MODULE, "echo", "map", "gate", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with begun("echo", "map", "gate", *arguments) as process:
         assert process.stdout is not None and process.stderr is not None
         assert json.loads(process.stderr.readline())["type"] == "LookupException"
         for x in (1.0, 2.0):
@@ -102,11 +98,7 @@ def test_wait_in_vain(robot: TransformClient, command: Run) -> None:
 
 def test_wait_for_a_server(start_server: StartServer) -> None:
     endpoint = free_endpoint()
-    with forks.Popen(
-        [sys.executable, *MODULE, "wait", "a", "b", "--connect", endpoint, "--for", "50s"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with begun("wait", "a", "b", "--connect", endpoint, "--for", "50s") as process:
         time.sleep(0.5)
         with start_server(endpoint=endpoint).connect() as tf:
             tf.set_transform(StampedTransform("a", "b", 0, Transform()), static=True)

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,9 @@ from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.servers import ServerProcess
 from tests.recordings.readers import read_with_foxglove, read_with_rosbags, rows
-from tests.support.command_line import Run
+from tests.support.command_line import Run, begun
 from tests.support.recorded import RUN, needs_recording, questions
+from tests.support.waiting import wait_until
 from zenoh_tf import LatestTransform, LookupException, StampedTransform, Transform, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
 from zenoh_tf_client import TransformClient
@@ -36,20 +37,16 @@ class RecorderProcess:
 
     def __init__(self, endpoint: str, path: Path, *flags: str) -> None:
         self.path = path
-        options = ("--connect", endpoint, "--json")
-        self.process = forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_tools", *options, "record", str(path), *flags],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
+        self.process = begun("--connect", endpoint, "--json", "record", str(path), *flags)
 
     def wait_for(self, size: int) -> None:
         """Wait until the file has this many bytes."""
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while not self.path.exists() or self.path.stat().st_size < size:
-            assert self.process.poll() is None, self.process.communicate()
-            assert time.monotonic() < deadline_s
-            time.sleep(0.02)
+        self.wait_until(lambda: self.path.exists() and self.path.stat().st_size >= size)
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Wait for something that it does, while it runs."""
+        wait_until(lambda: self.process.poll() is not None or condition())
+        assert self.process.poll() is None, self.process.communicate()
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> tuple[int, Any, str]:
         """Send a signal; return the exit status, the summary and its messages."""
@@ -89,11 +86,7 @@ def samples(path: Path) -> int:
 
 
 def wait_until_recorded(recorder: RecorderProcess, count: int) -> None:
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while recorded(recorder.path) < count:
-        assert recorder.process.poll() is None, recorder.process.communicate()
-        assert time.monotonic() < deadline_s, recorded(recorder.path)
-        time.sleep(0.05)
+    recorder.wait_until(lambda: recorded(recorder.path) >= count)
 
 
 def same_answers(ours: TransformTree, theirs: Any, pairs: list[tuple[str, str]]) -> None:
@@ -205,10 +198,7 @@ def test_a_recording_of_a_replay_gives_tf2s_answers(
     recorders.append(recorder)
     recorder.wait_for(1)
     document(zenoh_tf("--connect", server.endpoint, "--json", "replay", str(RUN)))
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while samples(recorder.path) < 7284:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.1)
+    recorder.wait_until(lambda: samples(recorder.path) >= 7284)
     code, summary, _ = recorder.stop()
     assert (code, summary["transforms"], summary["static"]) == (0, 7284, 29)
     tree = TransformTree.from_recording(recorder.path)
@@ -276,10 +266,9 @@ def test_another_server_takes_over(
         tf.set_transform(StampedTransform("a", "b", 3, pose(2.0)))
         wait_until_recorded(recorder, 2)
         tf.set_transform(StampedTransform("a", "b", 9, pose(2.0)))
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while TransformTree.from_recording(recorder.path).frame("b").newest_stamp_ns != 9:
-            assert time.monotonic() < deadline_s
-            time.sleep(0.05)
+        recorder.wait_until(
+            lambda: TransformTree.from_recording(recorder.path).frame("b").newest_stamp_ns == 9
+        )
     code, summary, errors = recorder.stop()
     assert (code, summary["servers"]) == (0, 2)
     assert "another server has the tree; recording continues" in errors

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,9 +14,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from tests.processes import forks
 from tests.recordings.files import Log, write
-from tests.support.command_line import Run, run_without
+from tests.support.command_line import Run, begun, run_without
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.recordings.ingest import Feed
@@ -104,11 +102,7 @@ def test_again_and_again(server: Any, client: TransformClient, tmp_path: Path) -
     """The stamps continue after the last turn's: the tree would accept no older ones."""
     path = str(write(tmp_path / "log"))
     options = ("--connect", server.endpoint, "replay", path, "--loop", "--rate", "10")
-    with forks.Popen(
-        [sys.executable, "-m", "zenoh_tf_tools", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with begun(*options) as process:
         while not client.can_transform("odom", "camera", 10_500_000_000):
             assert process.poll() is None
             time.sleep(0.01)
@@ -193,21 +187,7 @@ def test_interrupted(server: Any, run: Run, tmp_path: Path) -> None:
     path = write(
         tmp_path / "log", [(float(i), "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(90)]
     )
-    command = (
-        "-m",
-        "zenoh_tf_tools",
-        "--connect",
-        server.endpoint,
-        "replay",
-        str(path),
-        "--rate",
-        "1",
-    )
-    with forks.Popen(
-        [sys.executable, *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with begun("--connect", server.endpoint, "replay", str(path), "--rate", "1") as process:
         ask = ("lookup", "a", "b")
         while run(*ask).returncode != 0:
             assert process.poll() is None
@@ -280,10 +260,7 @@ def test_refusals_of_others_do_not_fail_it(client: TransformClient) -> None:
     feed = Feed(client, "replay", patience_s=10)
     with client.broadcaster("broken") as broken:
         broken.send(StampedTransform("x", "x", 1, Transform()))
-        deadline = time.monotonic() + 10
-        while client.stats()["bad_puts"] == 0:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: client.stats()["bad_puts"])
     feed.add((StampedTransform("a", "b", i, Transform()) for i in range(1200)), static=False)
     feed.finish()
     assert client.frame("b").newest_stamp_ns == 1199
@@ -294,10 +271,7 @@ def test_refusals_from_before_do_not_fail_it(client: TransformClient) -> None:
     before = client.stats()["bad_puts"]
     with client.broadcaster("replay") as earlier:
         earlier.send(StampedTransform("x", "x", 1, Transform()))
-        deadline = time.monotonic() + 10
-        while client.stats()["bad_puts"] == before:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: client.stats()["bad_puts"] > before)
     feed = Feed(client, "replay", patience_s=10)
     feed.add([StampedTransform("a", "b", 1, Transform())], static=False)
     feed.finish()
@@ -330,12 +304,8 @@ def test_a_server_that_dies(start_server: Any, tmp_path: Path, restarted: bool) 
     log = [(float(i), "/tf", [("a", "b", 1.0 + i, 1.0)]) for i in range(120)]
     path = write(tmp_path / "log", log)
     server = start_server()
-    command = ("-m", "zenoh_tf_tools", "--connect", server.endpoint, "--timeout", "2s")
-    with forks.Popen(
-        [sys.executable, *command, "replay", str(path), "--rate", "30"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    options = ("--connect", server.endpoint, "--timeout", "2s")
+    with begun(*options, "replay", str(path), "--rate", "30") as process:
         with server.connect() as tf:
             while not tf.can_transform("a", "b"):
                 assert process.poll() is None
@@ -358,11 +328,7 @@ def test_a_loop_survives_the_server(start_server: Any, tmp_path: Path) -> None:
     path = write(tmp_path / "log", log)
     server = start_server()
     options = ("--connect", server.endpoint, "--timeout", "1s", "replay", str(path), "--loop")
-    with forks.Popen(
-        [sys.executable, "-m", "zenoh_tf_tools", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with begun(*options) as process:
 
         def wait_for_answers() -> int:
             with server.connect() as tf:

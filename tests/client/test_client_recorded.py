@@ -4,12 +4,10 @@ The recording is replayed into a running server by the command line; the questio
 from this process, in batches.
 """
 
-import sys
-
 import pytest
 
 from tests.conftest import LendServer
-from tests.processes import forks
+from tests.support import command_line
 from tests.support.recorded import RUN, Question, needs_recording, questions
 from tests.support.runs import CONTROLS
 from zenoh_tf import StampedTransform, TransformException
@@ -24,8 +22,7 @@ def answer(handle: Handle[StampedTransform]) -> StampedTransform | TransformExce
 @pytest.mark.parametrize("concurrency", CONTROLS)
 def test_every_recorded_answer_agrees(lend_server: LendServer, concurrency: str) -> None:
     server = lend_server("--cache-time", "1000s", "--concurrency", concurrency)
-    replay = [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, "replay"]
-    forks.run([*replay, str(RUN)], check=True)
+    command_line.run("--connect", server.endpoint, "replay", str(RUN)).check_returncode()
     with TransformClient.connect(server.endpoint) as tf:
         assert len(questions()) > 1700
         for start in range(0, len(questions()), 250):

@@ -47,10 +47,7 @@ class Drops(list[Dropped[Any]]):
         return Counter(dropped.reason for dropped in self)
 
     def wait(self, count: int) -> None:
-        deadline_s = time.monotonic() + LONG_S
-        while len(self) < count:
-            assert time.monotonic() < deadline_s, self
-            time.sleep(0.005)
+        wait_until(lambda: len(self) >= count, lambda: self)
 
 
 @pytest.fixture
@@ -79,8 +76,7 @@ def test_a_newer_item_holds_no_older_one_up(tree: TransformTree) -> None:
     """The older one is put while the gate already waits for the newer one."""
     with tree.gate("map", timeout_s=LONG_S) as gate:
         gate.put("late", "base", 10_000)
-        while not tree.stats()["waiters"]:
-            time.sleep(0.005)
+        wait_until(lambda: tree.stats()["waiters"])
         gate.put("early", "base", 150)
         assert gate.get(LONG_S).item == "early"
 
@@ -127,8 +123,7 @@ def test_a_full_gate_drops_the_new_item(tree: TransformTree) -> None:
         assert {gate.get(LONG_S).item for _ in range(3)} == {201, 202, 203}
         for number in range(3):
             gate.put(number, "base", 250)
-        while gate.stats()["ready"] < 3:
-            time.sleep(0.005)
+        wait_until(lambda: gate.stats()["ready"] >= 3)
         gate.put(3, "base", 250)  # those that nobody has fetched count, too
         assert drops.reasons() == {"full": 3}
     assert drops.reasons() == {"full": 3, "closed": 3}

@@ -8,9 +8,9 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
+from tests.support.waiting import wait_until
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.connection import Connection
 from zenoh_tf_client.session.mapped_tree import Mode
@@ -93,10 +93,7 @@ class ServerProcess:
 
     def wait_for_log(self, text: str) -> None:
         """Wait until it has logged this text."""
-        deadline_s = time.monotonic() + START_TIMEOUT_S
-        while text not in self.log:
-            assert time.monotonic() < deadline_s, f"no {text!r} in the log:\n{self.log}"
-            time.sleep(0.01)
+        wait_until(lambda: text in self.log, lambda: f"no {text!r} in the log:\n{self.log}")
 
     def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
         """A client; most tests are about queries, so these are the default."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -14,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.processes import forks
-from tests.support.command_line import call, parsers, run
+from tests.support.command_line import begun, call, parsers, run
 from zenoh_tf import StampedTransform, Transform, TransformTree
 
 from .files import Log, write
@@ -100,12 +97,7 @@ def test_every_example_of_the_help_runs(server: Any, folder: Path, command: str)
     if command == "record":  # it makes the file
         (folder / "run.mcap").unlink()
     for line in examples_of(command):
-        with forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_tools", "--connect", server.endpoint, *line],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            cwd=folder,
-        ) as process:
+        with begun("--connect", server.endpoint, *line, cwd=folder) as process:
             if "--repair" not in line and (command == "record" or "--loop" in line):
                 with server.connect() as tf:
                     # By then it ends well by Ctrl-C.

@@ -88,8 +88,6 @@ def test_a_wait_has_a_limit(wires: Raw, start_server: StartServer) -> None:
 WAITER = """
 import sys
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.requests.waiters import Waiters
 with TransformClient.connect(sys.argv[1], "main", 10.0) as tf, tf.batch() as batch:
     for row in range(50):
         batch.lookup_transform("nowhere", f"frame{row}", timeout_s=300.0)

@@ -16,6 +16,7 @@ from ruamel.yaml import YAML
 from tests.processes import forks
 from tests.processes.servers import ServerProcess
 from tests.programs.test_demo import endpoint_of, processes_of
+from tests.support import command_line
 from zenoh_tf_server import flags
 
 from .conftest import position
@@ -47,10 +48,7 @@ def test_the_first_five_minutes(server: ServerProcess) -> None:
             found = {}
             for line in questions:
                 arguments = [*shlex.split(line)[1:], "--connect", server.endpoint]
-                done = forks.run(
-                    [sys.executable, "-m", "zenoh_tf_tools", *arguments],
-                    timeout=150,
-                )
+                done = command_line.run(*arguments)
                 assert done.returncode == 0, done.stderr
                 found[line] = done.stdout
         finally:

@@ -66,11 +66,7 @@ def scrape(server: ServerProcess) -> Samples:
 
 def until(server: ServerProcess, condition: Callable[[Samples], bool]) -> Samples:
     """Scrape until the condition holds: a page is up to a second old."""
-    deadline = time.monotonic() + 20
-    while not condition(samples := scrape(server)):
-        assert time.monotonic() < deadline, samples
-        time.sleep(0.1)
-    return samples
+    return wait_until(lambda: samples if condition(samples := scrape(server)) else {})
 
 
 def value(samples: Samples, name: str, **labels: str) -> float:

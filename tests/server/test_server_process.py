@@ -82,8 +82,6 @@ def test_signals_stop_it_cleanly(server: ServerProcess, number: signal.Signals) 
 #: A put of 1 MB, as often as the network accepts it.
 FLOOD = """
 import sys
-import numpy as np
-from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 sensor = TransformClient.connect(sys.argv[1]).broadcaster(f"flood {sys.argv[2]}")

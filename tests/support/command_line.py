@@ -34,6 +34,12 @@ def run(*args: str) -> Done:
     return forks.run([sys.executable, *MODULE, *args], timeout=150)
 
 
+def begun(*args: str, cwd: Path | None = None) -> forks.Popen:
+    """One command as a process that runs on, whose output is piped."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return forks.Popen([sys.executable, *MODULE, *args], **pipes, cwd=cwd)
+
+
 def run_without(library: str, *args: str) -> Done:
     """`run` where a library is not installed."""
     code = f"import sys; sys.modules[{library!r}] = None; from zenoh_tf_tools.cli.main import run; "

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.processes import forks
 from tests.processes.ports import free_endpoint
+from tests.support import command_line
 from zenoh_tf_client import TransformClient
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
@@ -23,10 +22,7 @@ Done = subprocess.CompletedProcess[str]
 
 
 def run(*args: str | Path) -> Done:
-    return forks.run(
-        [sys.executable, "-m", "zenoh_tf_tools", "urdf", *map(str, args)],
-        timeout=150,
-    )
+    return command_line.run("urdf", *map(str, args))
 
 
 def test_fixed_joints_become_static_links(tf: TransformClient) -> None:

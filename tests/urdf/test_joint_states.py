@@ -10,8 +10,6 @@ import contextlib
 import json
 import signal
 import struct
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -23,8 +21,8 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from tests.processes import forks
 from tests.processes.servers import ServerProcess
+from tests.support import command_line
 from tests.support.waiting import wait_until
 from zenoh_tf._net import zenoh_config
 from zenoh_tf_client import TransformClient
@@ -199,11 +197,7 @@ class Command:
     """The command as a process."""
 
     def __init__(self, *args: str) -> None:
-        self.process = forks.Popen(
-            [sys.executable, "-m", "zenoh_tf_tools", "urdf", str(ARM), *args],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
+        self.process = command_line.begun("urdf", str(ARM), *args)
         assert self.process.stderr is not None
         self.errors = self.process.stderr
         self.listening = self.errors.readline()
@@ -284,9 +278,6 @@ def test_a_restarted_server_gets_everything_again(start_server: Any, command: An
 
 
 def test_print_and_joint_states_exclude_each_other() -> None:
-    done = forks.run(
-        [sys.executable, "-m", "zenoh_tf_tools", "urdf", str(ARM), "--print", "--joint-states"],
-        timeout=150,
-    )
+    done = command_line.run("urdf", str(ARM), "--print", "--joint-states")
     assert done.returncode == 2
     assert "--print asks no server" in done.stderr
