@@ -227,27 +227,6 @@ def test_a_site_does_not_gather_itself(start_server: StartServer) -> None:
         assert set(tf.frames()) == {"map", "base"}
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("--mirror-of tcp/h:1", "is not NAME=PROTOCOL/HOST:PORT/TREE"),
-        ("--mirror-of a/b=tcp/h:1", "a name has no '/'"),
-        ("--mirror-of a=tcp/h", "is not NAME=PROTOCOL/HOST:PORT/TREE"),
-        ("--mirror-of a=http/h:1", "unknown protocol"),
-        ("--mirror-of a=tcp/h:1 --mirror-of a=tcp/h:2", "2 robots are called 'a'"),
-        ("--mirror-shared map", "--mirror-shared needs --mirror-of"),
-        ("--mirror-of a=tcp/h:1 --mirror-shared map,,world", "is not a list of frames"),
-        ("--mirror-of a=tcp/h:1 --replica-of tcp/h:1", "exclude each other"),
-    ],
-)
-def test_wrong_flags_are_explained(
-    line: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        flags.parse(line.split())
-    assert message in capsys.readouterr().err
-
-
 def test_a_link_names_an_endpoint_and_a_tree() -> None:
     texts = (
         "r1=tcp/[::1]:7447/main,max-frames=500",

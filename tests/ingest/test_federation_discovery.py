@@ -10,7 +10,6 @@ from tests.ingest.test_federation import arrived, link, stats
 from tests.processes.servers import ServerProcess
 from tests.support.waiting import wait_until
 from zenoh_tf._net import keys, zenoh_config
-from zenoh_tf_server import flags
 from zenoh_tf_server.federation.settings import RobotPattern
 
 
@@ -74,10 +73,3 @@ def test_tokens_of_anyone_take_no_more_than_the_limit(start_server: StartServer)
 )
 def test_the_star_is_the_robots_name(pattern: RobotPattern, tree: str, robot: str | None) -> None:
     assert pattern.robot_of(tree) == robot
-
-
-@pytest.mark.parametrize("text", ["robots/**", "ro*bots/*", "robots/*,speed=3", "robots/*,rate=x"])
-def test_a_wrong_pattern_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        flags.parse(["--mirror-of", text])
-    assert text in capsys.readouterr().err

@@ -128,29 +128,6 @@ def test_a_robot_with_an_interest_comes_back(start_server: StartServer) -> None:
             wait_until(lambda: stats(tf, "connected") == 1, "it is back")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("frames=map", "frames: 'map' is not a list of two or more frames"),
-        ("frames=map::base", "frames: 'map::base' is not a list"),
-        ("frames=", "frames: '' is not a list"),
-        ("rate=fast", "rate: 'fast' is not a number"),
-        ("rate=0", "rate: '0' is not a number of at least 0.001 and at most 1,000"),
-        ("rate=1001", "rate: '1001' is not a number of at least 0.001 and at most 1,000"),
-        ("max-frames=0", "max-frames: '0' is not a whole number"),
-        ("rate=1,rate=2", "rate is given twice"),
-        ("speed=2", "unknown option 'speed'"),
-    ],
-)
-@pytest.mark.parametrize("tree", ["", "/main"])
-def test_wrong_options_are_named(
-    options: str, message: str, tree: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        flags.parse(["--mirror-of", f"a=tcp/h:1{tree},{options}"])
-    assert message in capsys.readouterr().err
-
-
 def test_options_stand_in_any_order_and_in_the_file(tmp_path: Path) -> None:
     one, other = (
         flags.parse(["--mirror-of", f"a=tcp/h:1/t,{options}"]).mirror_of[0]

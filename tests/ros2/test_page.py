@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
 from ruamel.yaml import YAML
 
 from tests.processes import forks
@@ -84,31 +83,6 @@ def test_the_containers_of_the_compose_file(server: ServerProcess) -> None:
         assert robot.returncode == 0, errors
         with server.connect() as tf:
             assert f"ros2:0/{name}/robot" in [each.name for each in tf.authorities()]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error"),
-    [
-        (["--ros2-prefix", "namespace"], "--ros2-prefix needs --ros2"),
-        (["--ros2", "--ros2-prefix", "robot"], "is not a rule"),
-        (["--ros2", "--ros2-shared", "map"], "--ros2-shared needs --ros2-prefix"),
-        (["--ros2", "--ros2-prefix", "domain", "--ros2-shared", "a,,b"], "is not a list of frames"),
-        (["--ros2-publish", "--ros2-publish-rate", "0"], "is not a number of at least 0.1"),
-        (["--ros2-publish", "--ros2-domain", "300"], "is not a whole number from 0 to 232"),
-        (["--ros2", "--ros2-static-grace=-1s"], "'-1s' is not a duration of at least 0 s"),
-        (["--ros2", "--users", "{users}"], "join the robots' router with --connect"),
-    ],
-)
-def test_wrong_flags(
-    arguments: list[str], error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    users = tmp_path / "users"
-    users.write_text("nav:secret\n")
-    users.chmod(0o600)
-    with pytest.raises(SystemExit) as caught:
-        flags.parse([each.format(users=users) for each in arguments])
-    assert caught.value.code == 2
-    assert error in capsys.readouterr().err
 
 
 def test_flags_in_a_file(tmp_path: Path) -> None:

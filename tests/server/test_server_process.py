@@ -139,15 +139,6 @@ def test_the_greeting_shows_no_options_of_an_endpoint(start_server: StartServer)
     assert "key" not in server.greeting
 
 
-def test_wrong_flags(flag_error: Callable[..., str]) -> None:
-    assert "the limit rows is 0" in flag_error("--limit", "rows=0")
-    assert "--cache-time: '0' is not a duration above 0 s" in flag_error("--cache-time", "0")
-    assert "--cache-time: '10' is ambiguous: 10 seconds or" in flag_error("--cache-time", "10")
-    assert "--workers: '0' is not a whole number" in flag_error("--workers", "0")
-    assert "--tree" in flag_error("--tree", "x" * 256)
-    assert "not allowed with" in flag_error("--listen", "tcp/[::]:1", "--connect", "tcp/[::]:1")
-
-
 def test_second_server_on_a_tree_is_refused(start_server: StartServer) -> None:
     first = start_server()
     line = refused("--connect", first.endpoint).splitlines()[-1]

@@ -1,8 +1,10 @@
-"""``--limit NAME=VALUE``, ``--max-memory`` and their list agree with the table of limits."""
+"""Wrong flags are explained; ``--limit NAME=VALUE``, ``--max-memory`` and their list agree with the
+table of limits."""
 
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
@@ -19,7 +21,7 @@ def parse(*arguments: str) -> Limits:
 
 def error(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     with pytest.raises(SystemExit) as caught:
-        parse(*arguments)
+        flags.parse(arguments)
     assert caught.value.code == 2
     return capsys.readouterr().err.splitlines()[-1]
 
@@ -31,6 +33,61 @@ def test_each_limit_is_set_by_its_name() -> None:
     assert parse("--limit", "rows=1", "--limit", "rows=2", "--limit", "frames=3") == Limits(
         rows=2, frames=3
     )
+
+
+WRONG = {
+    "--limit rows=0": "the limit rows is 0",
+    "--cache-time 0": "--cache-time: '0' is not a duration above 0 s",
+    "--cache-time 10": "--cache-time: '10' is ambiguous: 10 seconds or",
+    "--workers 0": "--workers: '0' is not a whole number",
+    f"--tree {'x' * 256}": "--tree",
+    "--listen tcp/[::]:1 --connect tcp/[::]:1": "not allowed with",
+    "--mirror-of tcp/h:1": "is not NAME=PROTOCOL/HOST:PORT/TREE",
+    "--mirror-of a/b=tcp/h:1": "a name has no '/'",
+    "--mirror-of a=tcp/h": "is not NAME=PROTOCOL/HOST:PORT/TREE",
+    "--mirror-of a=http/h:1": "unknown protocol",
+    "--mirror-of a=tcp/h:1 --mirror-of a=tcp/h:2": "2 robots are called 'a'",
+    "--mirror-shared map": "--mirror-shared needs --mirror-of",
+    "--mirror-of a=tcp/h:1 --mirror-shared map,,world": "is not a list of frames",
+    "--mirror-of a=tcp/h:1 --replica-of tcp/h:1": "exclude each other",
+    **{
+        f"--mirror-of {text}": text
+        for text in ("robots/**", "ro*bots/*", "robots/*,speed=3", "robots/*,rate=x")
+    },
+    **{
+        f"--mirror-of a=tcp/h:1{tree},{options}": message
+        for tree in ("", "/main")
+        for options, message in {
+            "frames=map": "frames: 'map' is not a list of two or more frames",
+            "frames=map::base": "frames: 'map::base' is not a list",
+            "frames=": "frames: '' is not a list",
+            "rate=fast": "rate: 'fast' is not a number",
+            "rate=0": "rate: '0' is not a number of at least 0.001 and at most 1,000",
+            "rate=1001": "rate: '1001' is not a number of at least 0.001 and at most 1,000",
+            "max-frames=0": "max-frames: '0' is not a whole number",
+            "rate=1,rate=2": "rate is given twice",
+            "speed=2": "unknown option 'speed'",
+        }.items()
+    },
+    "--ros2-prefix namespace": "--ros2-prefix needs --ros2",
+    "--ros2 --ros2-prefix robot": "is not a rule",
+    "--ros2 --ros2-shared map": "--ros2-shared needs --ros2-prefix",
+    "--ros2 --ros2-prefix domain --ros2-shared a,,b": "is not a list of frames",
+    "--ros2-publish --ros2-publish-rate 0": "is not a number of at least 0.1",
+    "--ros2-publish --ros2-domain 300": "is not a whole number from 0 to 232",
+    "--ros2 --ros2-static-grace=-1s": "'-1s' is not a duration of at least 0 s",
+    "--ros2 --users {users}": "join the robots' router with --connect",
+}
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_wrong_flags_are_explained(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str
+) -> None:
+    users = tmp_path / "users"
+    users.write_text("nav:secret\n")
+    users.chmod(0o600)
+    assert WRONG[line] in error(capsys, *line.format(users=users).split())
 
 
 @pytest.mark.parametrize(
