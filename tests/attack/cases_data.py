@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.processes.ports import free_endpoint
 from tests.support import messages
 from zenoh_tf import wire
 
 from .arena import Arena, Finding, case
-from .processes import HERE, Process, Server, first_line, free_endpoint
+from .processes import HERE, Process, Server, first_line
 
 _YEAR_NS = 365 * 86_400 * 10**9
 _HOUR_NS = 3600 * 10**9

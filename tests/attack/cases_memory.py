@@ -16,10 +16,11 @@ from pathlib import Path
 
 import zenoh
 
+from tests.processes.ports import free_endpoint
 from tests.support import messages
 
 from .arena import Arena, Finding, beside, case
-from .processes import HERE, Process, Server, attacker, first_line, free_endpoint
+from .processes import HERE, Process, Server, attacker, first_line
 
 _ROBOT_FRAMES = 10_000
 _COPY_TIMEOUT_S = 60.0

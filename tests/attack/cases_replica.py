@@ -11,6 +11,7 @@ from pathlib import Path
 
 import zenoh
 
+from tests.processes.ports import free_endpoint
 from tests.support import messages
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._net import keys, zenoh_config
@@ -18,7 +19,7 @@ from zenoh_tf.errors import AccessDenied, TransformException
 from zenoh_tf_client import Credentials, TransformClient
 
 from .arena import Arena, Finding, case
-from .processes import Server, attacker, free_endpoint
+from .processes import Server, attacker
 
 _USERS = {name: f"secret of {name}" for name in ("site", "honest", "attacker")}
 _RULES = """

@@ -12,7 +12,6 @@ import os
 import resource
 import selectors
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, NamedTuple, Self
 
+from tests.processes.ports import free_endpoint
+from tests.processes.server_costs import cpu_s, status_mb
+
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 #: Python would prefer the packages of the folder that it is started in.
@@ -28,28 +30,6 @@ ELSEWHERE = Path(tempfile.gettempdir())
 START_TIMEOUT_S = 60.0
 #: A server that would take more than this fails to allocate, so that it does not harm the machine.
 MAX_MEMORY = 12 << 30
-#: Clock id of the processor time of a process, as Linux makes it of a process id.
-_CPU_CLOCK = 2
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def cpu_s(pid: int) -> float:
-    """The processor time that all threads of a process have used."""
-    return time.clock_gettime(((~pid) << 3) | _CPU_CLOCK)
-
-
-def status_mb(pid: int, field: str) -> float:
-    """A size of a process from /proc, such as VmRSS (now) or VmHWM (peak). NaN if it has ended."""
-    with contextlib.suppress(OSError):
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-            if line.startswith(field + ":"):
-                return int(line.split()[1]) / 1024
-    return float("nan")
 
 
 def first_line(output: IO[str], timeout_s: float) -> str:

@@ -153,6 +153,9 @@ AMBIGUOUS = "is ambiguous: {0} seconds or {0} milliseconds"
         ("replay file --clock later", "invalid choice"),
         # The server does not count for it, so replay could not know what became of its transforms.
         ("replay file --authority ''", "the name is empty"),
+        ("plot map wheel --start +1s", "--start and --end choose times of a recording: give its"),
+        ("estimate map base --known -1s", "--known belongs to FILE"),
+        ("urdf arm.urdf --print --joint-states", "--print asks no server"),
         ("record", "the following arguments are required: OUT"),
         ("record out --format bag", "invalid choice: 'bag'"),
         ("record out --repair file --for 1s", "--repair cannot be combined with --format or --for"),

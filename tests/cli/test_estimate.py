@@ -105,11 +105,6 @@ def test_times_of_a_recording_that_are_refused(
     assert "what was known by then is unclear" in text and "simulated time" in text
 
 
-def test_known_is_for_recordings(run: Run) -> None:
-    ended = run("estimate", "map", "base", "--known", "-1s")
-    assert ended.returncode == 2 and "--known belongs to FILE" in ended.stderr
-
-
 def test_what_would_make_it_better(run: Run, client: TransformClient) -> None:
     fill(client, END_NS)
     shown = document(run("estimate", "map", "tool", *AT, "--json"))

@@ -37,7 +37,8 @@ def status_mb(pid: int, field: str) -> float:
     return math.nan
 
 
-def _cpu_s(pid: int) -> float:
+def cpu_s(pid: int) -> float:
+    """The processor time that all threads of a process have used."""
     try:
         return time.clock_gettime(((~pid) << 3) | _CPU_CLOCK)
     except OSError:  # it has ended
@@ -48,11 +49,11 @@ def _cpu_s(pid: int) -> float:
 def cost_of(pid: int, settle_s: float = 0.0) -> Iterator[Cost]:
     """Measure a process during the block. What it keeps is measured `settle_s` later."""
     Path(f"/proc/{pid}/clear_refs").write_text("5")  # resets the peak
-    before_mb, start_s, before_s = status_mb(pid, "VmRSS"), time.monotonic(), _cpu_s(pid)
+    before_mb, start_s, before_s = status_mb(pid, "VmRSS"), time.monotonic(), cpu_s(pid)
     cost = Cost()
     yield cost
     cost.wall_s = time.monotonic() - start_s
-    cost.cpu_s = _cpu_s(pid) - before_s
+    cost.cpu_s = cpu_s(pid) - before_s
     cost.peak_mb = status_mb(pid, "VmHWM") - before_mb
     time.sleep(settle_s)
     cost.kept_mb = status_mb(pid, "VmRSS") - before_mb

@@ -158,6 +158,19 @@ def is_fresh(reading: Readers, last: list[int]) -> None:
     reading.go_on()
 
 
+@contextmanager
+def silent(server: ServerProcess, proxy: TcpProxy, how: str) -> Iterator[None]:
+    """The server is stopped, or cut off behind the proxy."""
+    if how == "stopped":
+        server.freeze()
+        yield
+        server.send_signal(signal.SIGCONT)
+    else:
+        proxy.hold()
+        yield
+        proxy.release()
+
+
 # --- the nearest replica, a router
 
 
@@ -186,16 +199,9 @@ def test_reads_continue_when_the_nearest_replica_is_silent(
         with readers(where, far.endpoint, primary.endpoint) as reading:
             for _ in range(3):
                 assert reading.are_at(where)
-                if how == "stopped":
-                    near.freeze()
-                else:
-                    proxy.hold()
-                wait_until(lambda: reading.are_at(far.endpoint), "somebody has not moved")
-                is_fresh(reading, last)
-                if how == "stopped":
-                    near.send_signal(signal.SIGCONT)
-                else:
-                    proxy.release()
+                with silent(near, proxy, how):
+                    wait_until(lambda: reading.are_at(far.endpoint), "somebody has not moved")
+                    is_fresh(reading, last)
                 wait_until(lambda: reading.are_at(where), "somebody does not return")
                 is_fresh(reading, last)
 
@@ -232,16 +238,9 @@ def test_reads_continue_at_a_replica_when_the_primary_is_silent(
     with TcpProxy(primary.endpoint) as proxy, writer(primary) as last:
         where = primary.endpoint if how == "stopped" else proxy.endpoint
         with readers(where, replica.endpoint) as reading:
-            if how == "stopped":
-                primary.freeze()
-            else:
-                proxy.hold()
-            wait_until(lambda: reading.are_at(replica.endpoint), "somebody has not moved")
-            reading.go_on()
-            if how == "stopped":
-                primary.send_signal(signal.SIGCONT)
-            else:
-                proxy.release()
+            with silent(primary, proxy, how):
+                wait_until(lambda: reading.are_at(replica.endpoint), "somebody has not moved")
+                reading.go_on()
             wait_until(lambda: reading.are_at(where), "somebody does not return")
             is_fresh(reading, last)
 

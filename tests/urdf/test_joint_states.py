@@ -275,9 +275,3 @@ def test_a_restarted_server_gets_everything_again(start_server: Any, command: An
             partial(has, tf, "upper_arm", stamp_ns), partial(publish, KEYS["bridge"], payload)
         )
     running.interrupt()
-
-
-def test_print_and_joint_states_exclude_each_other() -> None:
-    done = command_line.run("urdf", str(ARM), "--print", "--joint-states")
-    assert done.returncode == 2
-    assert "--print asks no server" in done.stderr

@@ -349,12 +349,6 @@ def test_a_recording_that_is_not_there(capsys: Any) -> None:
     assert "nowhere.mcap: no such file" in done.stderr
 
 
-def test_times_belong_to_a_recording(capsys: Any) -> None:
-    done = call(capsys, "plot", "map", "wheel", "--start", "+1s")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "--start and --end choose times of a recording: give its FILE" in done.stderr
-
-
 def test_a_pair_that_never_has_an_answer(recording: Path, tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / "x.png"
     done = call(capsys, "plot", str(recording), "map", "nowhere", "--out", str(out))
