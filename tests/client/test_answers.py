@@ -104,6 +104,7 @@ def question(rng: random.Random) -> tuple[Any, ...]:
         ("lookup_transforms", [], [], None, {}),
         ("lookup_transforms", frames, b, [stamp() or 1 for _ in range(3)], {}),
         ("sample", a, b, [NOW_NS, *range(NOW_NS + 1, NOW_NS + 10**9, 10**8)], {}),
+        ("sample", a, b, np.array([1, 2, 100], rng.choice(["u1", "u4", "i2", "<u8", ">u8"])), {}),
         ("lookup_velocity", a, b, stamp(), rng.choice([0.01, 0.1]), seen_from),
         ("lookup_velocity", a, b, np.int64(ahead_ns), 0.25, {}),
         ("estimate_transform", a, b, ahead_ns, bounds),
@@ -229,6 +230,20 @@ for _stamp_ns in (1 << 63, -(1 << 63), 1 << 64, 1 << 70, -(1 << 70)):
         ("chain", ("a0", "a1", _stamp_ns), {}, "stamp_ns"),
         ("lookup_transform_full", ("a0", _stamp_ns, "a1", 2, "a2"), {}, "target_stamp_ns"),
         ("lookup_transform_full", ("a0", 2, "a1", _stamp_ns, "a2"), {}, "source_stamp_ns"),
+    ]
+
+_stamps: Any
+for _stamps in (
+    np.array([12, -(1 << 63)], np.int64),
+    np.array([12, 1 << 63], np.uint64),
+    np.array([(1 << 64) - 1], np.uint64),
+    [-(1 << 63) - 1],
+    np.uint64(1 << 63),
+    [True, False],
+):
+    INVALID += [
+        ("sample", ("a0", "a1", _stamps), {}, "stamps_ns"),
+        ("lookup_transforms", (["a0"] * np.size(_stamps), "a1", _stamps), {}, "stamps_ns"),
     ]
 
 

@@ -54,38 +54,6 @@ def test_stamps_of_any_integer_type(tree: TransformTree, dtype: Any) -> None:
         assert tree.sample("base", "camera", same).stamps_ns.tolist() == [1, 2, 100]
 
 
-@pytest.mark.parametrize(
-    "stamps",
-    [
-        np.array([12 * S, -(2**63)], np.int64),
-        np.array([12 * S, 2**63], np.uint64),
-        np.array([2**64 - 1], np.uint64),
-        [2**63],
-        [-(2**63)],
-        [2**64],
-        [-(2**63) - 1],
-        -(2**63),
-        2**63,
-        np.uint64(2**63),
-        [True, False],
-    ],
-)
-def test_stamps_out_of_range_are_invalid(tree: TransformTree, stamps: Any) -> None:
-    """-2^63 in an array meant the latest common time, which None alone means."""
-    for look_up in (
-        lambda: tree.sample("map", "base", stamps),
-        lambda: tree.lookup_transforms(["map"] * np.size(stamps), "base", stamps),
-    ):
-        with pytest.raises(InvalidArgumentException) as caught:
-            look_up()
-        assert caught.value.field == "stamps_ns"
-
-
-def test_a_time_out_below_zero_is_invalid(tree: TransformTree) -> None:
-    with pytest.raises(InvalidArgumentException, match="timeout_s"):
-        tree.lookup_transform("map", "base", 1, timeout_s=-1)
-
-
 def test_repr_of_a_tree() -> None:
     tree = TransformTree(cache_time_s=0.1, concurrency="2pl")
     assert repr(tree) == "TransformTree(0 frames, cache_time_s=0.1, concurrency='2pl')"
