@@ -240,6 +240,7 @@ for _stamps in (
     [-(1 << 63) - 1],
     np.uint64(1 << 63),
     [True, False],
+    [[12], [13]],
 ):
     INVALID += [
         ("sample", ("a0", "a1", _stamps), {}, "stamps_ns"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from operator import index
 from typing import Final, Protocol, TypeVar
 
 from zenoh_tf.introspection import sentences
@@ -89,7 +90,7 @@ def explain(
     base = Explanation(
         target=target,
         source=source,
-        stamp_ns=stamp_ns,
+        stamp_ns=None if stamp_ns is None else index(stamp_ns),
         target_root=from_target[-1].name if from_target else None,
         source_root=from_source[-1].name if from_source else None,
         by_clock=by_clock,

@@ -61,6 +61,8 @@ def stamps(stamps_ns: ArrayLike | None, count: int) -> NDArray[np.int64]:
         values = np.asarray(stamps_ns)
     except OverflowError as error:
         raise _invalid_stamps(str(error)) from error
+    if values.ndim > 1:
+        raise _invalid_stamps(f"one for each row, not of shape {values.shape}")
     if values.size and values.dtype.kind not in "iu":
         raise _invalid_stamps(_reason(values))
     if values.size:
