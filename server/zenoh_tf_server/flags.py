@@ -122,9 +122,7 @@ def _add_tree_flags(flags: argparse._ArgumentGroup) -> None:
         choices=("optimistic", "2pl", "giant"),
         default="optimistic",
         metavar="HOW",
-        help="how the tree orders transactions: optimistic; 2pl if atomic reads of many links "
-        "beside busy writers matter more than other lookups and writes; giant, one lock for all "
-        "as in tf2, only to compare (default: %(default)s)",
+        help="optimistic; 2pl: many atomic reads; giant: to compare",
     )
     flags.add_argument(
         "--one-authority-per-frame",
