@@ -122,7 +122,7 @@ def _add_tree_flags(flags: argparse._ArgumentGroup) -> None:
         choices=("optimistic", "2pl", "giant"),
         default="optimistic",
         metavar="HOW",
-        help="optimistic; 2pl: many atomic reads; giant: to compare",
+        help="optimistic; 2pl: long atomic reads; giant: as tf2",
     )
     flags.add_argument(
         "--one-authority-per-frame",
