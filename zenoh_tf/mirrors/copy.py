@@ -52,7 +52,7 @@ class Copy:
         if plan.ever_reparented and replay is not None:
             replay.set_ever_reparented()
         self.overtaken_until = plan.seq  # a snapshot may overtake messages of up to this number
-        #: The number of the last commit that `tree` has, and of the last that it may have in part.
+        #: The number of the last commit that `tree` has, and of the last that it may have already.
         self.seq = self.reach_seq = plan.seq
         #: Of the last reply with missed messages: the hash of each by its last number.
         self.repeats: dict[int, int] = {}

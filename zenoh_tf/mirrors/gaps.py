@@ -20,20 +20,20 @@ from .copy import Copy
 _OVERHEAD_BYTES: Final = 1000
 
 
-class Gap:
-    """The messages that wait, and what is missing before them."""
+class WaitingMessages:
+    """The messages that wait for missed ones, or for a snapshot."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
         self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
         self._bytes = 0
         #: Whether messages are missing between the copy and those that wait.
-        self.is_open = False
+        self.has_gap = False
         #: The number of the last message that waited when the missed ones were requested.
         self.asked_until = 0
 
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
+    def __len__(self) -> int:
+        return len(self._waiting)
 
     def add(self, message: wire.StreamMessage, size: int) -> bool:
         """Let a message wait. False if too many bytes do."""
@@ -44,8 +44,8 @@ class Gap:
 
     def take_next(self, seq: int) -> wire.StreamMessage | None:
         """Return the next message if it follows `seq`; else there is a gap before it."""
-        self.is_open = bool(self._waiting) and self._waiting[0][0].first > seq + 1
-        if self.is_open or not self._waiting:
+        self.has_gap = bool(self._waiting) and self._waiting[0][0].first > seq + 1
+        if self.has_gap or not self._waiting:
             return None
         message, size = self._waiting.popleft()
         self._bytes -= size
@@ -56,7 +56,7 @@ class Gap:
         self.asked_until = max((m.last for m, _ in self._waiting), default=0)
         return wire.missed_request(copy.instance, copy.seq + 1, interest)
 
-    def close(self, copy: Copy, missed: list[bytes]) -> None:
+    def close_gap(self, copy: Copy, missed: list[bytes]) -> None:
         """Apply the missed messages."""
         copy.repeats.clear()
         for data in missed:
@@ -64,7 +64,7 @@ class Gap:
             if message.first <= copy.seq + 1:
                 copy.repeats[message.last] = hash(data)
                 copy.apply(message)
-        self.is_open = False
+        self.has_gap = False
 
     def keep_only(self, instance: str) -> None:
         """Drop the messages of other server instances."""
@@ -76,4 +76,4 @@ class Gap:
         """Drop all messages."""
         self._waiting.clear()
         self._bytes = 0
-        self.is_open = False
+        self.has_gap = False

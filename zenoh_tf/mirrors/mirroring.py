@@ -12,7 +12,8 @@ A copy is complete, and may be read, once it has all that the server had done wh
 was read. Until then, and while a new copy is made, the last complete one stays as it is.
 
 Thread safety: none; the owner locks. Lookups in `tree` need no lock.
-Invariant: `tree` is always as the server's tree was after the commit with the number `state.seq`.
+Invariant: between the owner's calls, `tree` is as the server's tree was after the commit with the
+number `state.seq`.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from ..errors import (
 )
 from ..tree import TransformTree
 from .copy import Copy, Observer
-from .gaps import Gap
+from .gaps import WaitingMessages
 from .source import State
 
 #: Requests for pieces that are under way at once.
@@ -93,7 +94,7 @@ class Mirroring:
         self._interest = interest
         self._live: Copy | None = None  # the last complete copy
         self._next: Copy | None = None  # that replaces it
-        self._gap = Gap(max_waiting_bytes)
+        self._waiting = WaitingMessages(max_waiting_bytes)
         self._requests: dict[
             int, wire.SnapshotRequest | None
         ] = {}  # under way; None: the plan, or missed ones
@@ -117,7 +118,7 @@ class Mirroring:
         live = self._live
         if live is None:
             return State()
-        synced = not (self._next or self._wants_plan or self._gap)
+        synced = not (self._next or self._wants_plan or self._waiting)
         return State(live.tree, live.instance, live.seq, live.clock_ns, synced)
 
     @property
@@ -146,7 +147,7 @@ class Mirroring:
         elif (
             copy is not None
             and copy is self._live
-            and not self._gap
+            and not self._waiting
             and message.first <= copy.seq + 1
         ):
             if copy.repeats and message.first > max(copy.repeats):
@@ -157,7 +158,7 @@ class Mirroring:
                 self._apply(copy, message)
             return
         # The message waits: for the copy, or for missed ones because there is a gap before it.
-        if self._gap.add(message, len(data)):
+        if self._waiting.add(message, len(data)):
             self._advance()
         else:
             self.restart()
@@ -175,8 +176,8 @@ class Mirroring:
         while copy.pieces and len(self._requests) < _IN_FLIGHT:
             piece = copy.pieces.popleft()
             found.append(self._request("snapshot", piece, wire.snapshot_request(piece)))
-        if self._gap.is_open and not self._requests:
-            found.append(self._request("missed", None, self._gap.request(copy, self._interest)))
+        if self._waiting.has_gap and not self._requests:
+            found.append(self._request("missed", None, self._waiting.request(copy, self._interest)))
         return found
 
     def awaits(self, number: int) -> bool:
@@ -230,7 +231,7 @@ class Mirroring:
         self._next = None
         self._wants_plan = True
         self._requests.clear()
-        self._gap.clear()
+        self._waiting.clear()
 
     # --- how a copy proceeds
 
@@ -255,18 +256,18 @@ class Mirroring:
         self._next = Copy(instance, plan, tree, self._observer, replay)
         self.snapshots += 1
         self._wants_plan = False
-        self._gap.keep_only(instance)
+        self._waiting.keep_only(instance)
 
     def _take_missed(self, messages: list[bytes], last: int) -> None:
         """`last`: the last number that the server has sent."""
         copy = self._copy
         assert copy is not None
-        if self._gap.asked_until > last:
+        if self._waiting.asked_until > last:
             self.contradicted()
         elif not messages:  # the server has evicted them, so the gap cannot be closed
             self.restart()
         else:
-            self._gap.close(copy, messages)
+            self._waiting.close_gap(copy, messages)
 
     def _apply(self, copy: Copy, message: wire.StreamMessage) -> None:
         try:
@@ -279,7 +280,7 @@ class Mirroring:
         copy = self._copy
         if copy is None or copy.loading:
             return
-        while (message := self._gap.take_next(copy.seq)) is not None:
+        while (message := self._waiting.take_next(copy.seq)) is not None:
             self._apply(copy, message)
             if self._copy is not copy:
                 return

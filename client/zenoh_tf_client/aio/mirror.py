@@ -12,7 +12,7 @@ from typing import Any, Final, Self, TypeVar
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, TransformArray, wire
 from zenoh_tf.errors import TransformException
 
-from ..mirror.copy import BaseMirror
+from ..mirror.base_mirror import BaseMirror
 from ..mirror.reads import PLAIN
 from ..requests import lookups
 from ..requests.receipt import Receipt

@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
-from ..mirror.copy import BaseMirror
+from ..mirror.base_mirror import BaseMirror
 from ..mirror.interest import OutsideInterest
 from ..mirror.transaction_reads import CATCH_UP_S, look_up, reads_by_query
 from ..requests.request import Read, Rows, VersionedRead

@@ -11,7 +11,7 @@ from typing import Self
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
-from ..mirror.copy import BaseMirror
+from ..mirror.base_mirror import BaseMirror
 from ..mirror.watching import PoseEvent, Terms, Watching
 from ..session.calls import raise_if_forked
 from .session.threads import in_thread

@@ -54,7 +54,7 @@ class FailoverExchange(Exchange):
             try:
                 return (yield from attempt.take(super().call(request)))
             except ServerUnavailable:
-                if not attempt.link_was_lost or time.monotonic() + _PAUSE_S >= deadline_s:
+                if not attempt.may_ask_again or time.monotonic() + _PAUSE_S >= deadline_s:
                     raise
             yield Pause(_PAUSE_S)
 
@@ -83,8 +83,8 @@ class _Attempt:
         self._exchange = exchange
         self._deadline_s = deadline_s
         self._writes = writes
-        #: The last query ended at once without a reply, or with that of a server that is ending.
-        self.link_was_lost = False
+        #: The last query did not wait in vain: a server replied, or none was there.
+        self.may_ask_again = False
 
     def take(self, steps: Steps[T]) -> Steps[T]:
         """Take the steps of `Exchange`, none of which waits beyond the deadline."""
@@ -104,7 +104,7 @@ class _Attempt:
             try:
                 outcome = yield from self._ask(step)
             except TransformException as failure:
-                self.link_was_lost = False  # the connection is closed
+                self.may_ask_again = False  # the connection is closed
                 error = failure
             if self._writes or not isinstance(outcome, NoReply) or not outcome.at_once:
                 continue
@@ -117,7 +117,7 @@ class _Attempt:
         outcome: bytes | NoReply = yield self._bounded(step)
         if self._writes and server is not None and self._exchange.is_write(step.key):
             outcome = yield from self._send_again(step, outcome, server.instance)
-        self.link_was_lost = not isinstance(outcome, NoReply) or outcome.at_once
+        self.may_ask_again = not isinstance(outcome, NoReply) or outcome.at_once
         return outcome
 
     def _send_again(

@@ -17,7 +17,7 @@ from ..session.calls import raise_if_forked
 from ..session.connection import Connection
 from ..session.shared_reads import SharedReads
 from ..transaction import Transaction, repeat
-from .copy import BaseMirror
+from .base_mirror import BaseMirror
 from .transaction import MirrorTransaction
 
 T = TypeVar("T")

@@ -13,7 +13,7 @@ from ..requests.request import Read, Rows, VersionedRead
 from ..session.connection import Connection
 from ..session.shared_reads import SharedReads
 from ..transaction import Transaction
-from .copy import BaseMirror
+from .base_mirror import BaseMirror
 from .interest import OutsideInterest
 from .transaction_reads import CATCH_UP_S, look_up, reads_by_query
 

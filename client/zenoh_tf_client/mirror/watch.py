@@ -12,7 +12,7 @@ from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.text import quoted
 
 from ..session.calls import raise_if_forked
-from .copy import BaseMirror
+from .base_mirror import BaseMirror
 from .watching import PoseEvent, Terms, Watching
 
 

@@ -13,7 +13,7 @@ from typing import Final, Literal
 from zenoh_tf import LatestTransform, Transform
 from zenoh_tf.errors import ConnectivityException, LookupException, ServerUnavailable, must_be
 
-from .copy import BaseMirror
+from .base_mirror import BaseMirror
 
 #: Bounds of `heartbeat_s`.
 _SHORTEST_S: Final = 0.01

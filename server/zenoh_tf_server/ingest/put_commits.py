@@ -27,8 +27,10 @@ from .future_stamps import FutureStamps
 from .put_queues import Put, Turn
 from .refusals import Refusals
 
-#: What became of a put. None: all rows are stored. Bytes: of each row 1 stored, 0 dropped as too
-#: old, 2 dropped as later than its `max_stamp_ns`. Else why none is stored.
+#: What became of a row: dropped as too old, stored, dropped as later than its `max_stamp_ns`.
+_TOO_OLD, _STORED, _FROM_FUTURE = range(3)
+#: What became of a put. None: all rows are stored. Bytes: what became of each row. Else why none is
+#: stored.
 Outcome: TypeAlias = bytes | Exception | None
 
 
@@ -57,7 +59,8 @@ class PutCommits:
         clocks: ClockOffsets,
         future: FutureStamps,
     ) -> None:
-        """`commit`: commits to the tree, in this order, each as a transaction of its own."""
+        """`commit`: commits to the tree, in this order, each as a transaction of its own, as
+        `Service.commit_puts` does."""
         self._commit = commit
         self._counters = counters
         self._refusals = refusals
@@ -202,12 +205,12 @@ class PutCommits:
 
     def _count_rows(self, commit: wire.Commit, stored: bytes, counts: PutCounters) -> None:
         """Count the rows of a put of which some are not stored."""
-        counts.put_transforms += stored.count(1)
+        counts.put_transforms += stored.count(_STORED)
         if not commit.announce:  # what an announcement leaves out is not old
-            counts.dropped_as_too_old += stored.count(0)
-        rows = stored.count(2)
+            counts.dropped_as_too_old += stored.count(_TOO_OLD)
+        rows = stored.count(_FROM_FUTURE)
         if rows:
-            reason = self._future.describe(commit, stored.index(2))
+            reason = self._future.describe(commit, stored.index(_FROM_FUTURE))
             self._refusals.refuse(commit.authority, rows, reason)
             self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
 

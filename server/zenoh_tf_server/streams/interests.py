@@ -122,7 +122,7 @@ class Interests:
         self._tree = tree
         self._instance = instance
         self._limits = limits
-        self._log = ChangeLog(tree)
+        self._log = ChangeLog(tree)  # for the number of the last commit
         self._lock = threading.Lock()
         self._interests: dict[str, _Interest] = {}
         self._shares = fair_share.FairShare(limits, "interests")

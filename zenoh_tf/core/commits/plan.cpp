@@ -47,6 +47,7 @@ CommitPlan::CommitPlan(TreeState& tree, const CommitRequest& request,
     if (!names_.all_valid() || child == parent) [[unlikely]]
       check_names(request, row, tree.options);
     check_values(request, row, poses[i]);
+    // Only puts have a `max_stamp`: the server compares the stamps of calls itself.
     if (row.stamp > request.max_stamp && !request.is_static) [[unlikely]] {
       if (!request.drop_old) reject_future_stamp(request, row);
       stored[i] = RowResult::from_future;

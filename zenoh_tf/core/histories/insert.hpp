@@ -9,8 +9,7 @@
 //    caller has dropped those that are too old.
 // 4. After the insert*, samples are pruned by the same limit.
 // 5. A full frame evicts its oldest sample for a new one*, and rejects one older than all*. A
-// sample
-//    that rule 4 would prune anyway does not count as evicted.
+//    sample that rule 4 would prune anyway does not count as evicted.
 // 6. A static transform replaces a dynamic one with its history, and vice versa.
 // Invariants: records/frame.hpp's hold again when a function returns. In between a reader may see
 // any mixture, which validation rejects.

@@ -1,4 +1,5 @@
-// Lookups that wait: each runs, and is parked if a later commit may let it succeed.
+// Lookups that wait: each runs, and is parked if a later commit may let it succeed. Commits wake
+// them (CommitExecution::notify_waiters, in commits/apply.hpp), as do removals and replays.
 //
 // waiting/wait_list.hpp has the argument that no wake-up is lost.
 //

@@ -5,10 +5,12 @@
 // Bits 0 and 1 are the SeqLock's, 2 to 47 count, and a mirror adds those from 48 on. 0: no commit
 // has written the frame. Which version a frame gets:
 //   commit          next_version(), if it changes the frame (commits/write_locks.hpp); the first
-//                   reparenting: all frames (CommitExecution::frames_with_new_version)
+//                   reparenting: all frames (CommitExecution::frames_with_new_version, in
+//                   commits/apply.hpp); next_version(0) for a new frame that is only a parent
+//                   (commits/names.hpp)
 //   freeing names   version_base or later, above those of all frames that lost their names
 //                   (commits/freed_names.cpp)
-//   mirror          the server's (replication/change_replay.hpp)
+//   mirror          the server's (replication/change_replay.cpp, change_load.cpp)
 #pragma once
 
 #include <cstdint>
