@@ -99,9 +99,11 @@ StartLive = Callable[..., LiveServer]
 MakeTree = Callable[..., Tree]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def start_live(loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
-    """``start_live(mode, **settings)``: a server with the mode's concurrency control."""
+    """``start_live(mode, **settings)``: a server with the mode's concurrency control.
+
+    It ends with the file, as each server has threads that poll."""
     with ExitStack() as servers:
         folder = Path(servers.enter_context(tempfile.TemporaryDirectory()))
 
@@ -116,7 +118,7 @@ def start_live(loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
         yield start
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def lend_live(start_live: StartLive) -> StartLive:
     """The same, of servers that tests share."""
     return functools.cache(start_live)
