@@ -94,14 +94,6 @@ OWN_TEXTS = {
         of the server, as long as its memory cannot be read. This changes by itself, for example
         when the server restarts; `stats` has the reasons, under names with ``reads_``.
 """,
-        """\
-                ``"query"``: by queries, as also with several endpoints. Both give the same answers
-                and errors.
-""": """\
-                ``"query"``: by queries, as also with several endpoints. Both give the same answers
-                and errors. With queries everything goes over Zenoh; else writes, and lookups that
-                the memory cannot answer, go through a socket of the server, if it is on this host.
-""",
         "def __init__(self, connection: Connection)": (
             'def __init__(self, connection: Connection, reads: Mode = "shared")'
         ),

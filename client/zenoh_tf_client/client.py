@@ -97,8 +97,7 @@ class TransformClient(Lookups, Writes, Introspection):
             reads: How lookups are answered. ``"shared"``: from the server's memory, which this
                 process maps, where the server is on this host and shares its tree; else by queries.
                 ``"query"``: by queries, as also with several endpoints. Both give the same answers
-                and errors. With queries everything goes over Zenoh; else writes, and lookups that
-                the memory cannot answer, go through a socket of the server, if it is on this host.
+                and errors.
 
         Returns:
             An open client.
@@ -114,8 +113,7 @@ class TransformClient(Lookups, Writes, Introspection):
             ``tf = TransformClient.connect("tcp/robot:7447", tree="main")``
         """
         check(reads)
-        local = reads != "query"
-        return cls(open_connection(endpoint, tree, timeout_s, credentials, local=local), reads)
+        return cls(open_connection(endpoint, tree, timeout_s, credentials), reads)
 
     def __repr__(self) -> str:
         opened = self._connection

@@ -198,11 +198,6 @@ class Limits:
     connections: int = _limit(
         1200, "Zenoh connections to the embedded router", "the connection is refused"
     )
-    local_connections: int = _limit(
-        128,
-        "connections of clients on this host, who send requests through a Unix socket",
-        "the connection is closed, and the client's requests go over Zenoh",
-    )
     robots: int = _limit(
         1200,
         "robots that `--mirror-of 'PATTERN'` finds until the server ends; they share the frames",

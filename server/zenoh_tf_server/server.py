@@ -28,7 +28,6 @@ from .state.state import State
 from .streams.interests import Interests
 from .streams.snapshots import Snapshots
 from .streams.stream import Stream
-from .transport.local_requests import LocalRequests
 from .transport.running_server import RunningServer
 
 
@@ -78,11 +77,7 @@ class Server(RunningServer):
             ingest = Ingest(commits, limits)
             stack.callback(ingest.close)
             sharing.wait_for_predecessor(settings.sharing, listens_since_s)
-            local = LocalRequests(service, self.clients, self.workers.shares, settings.workers)
-            stack.callback(local.close)
-            # Where a client must prove who it is, it has to ask over Zenoh, which checks that.
-            serve = None if settings.security.authenticates else local.take
-            service.offer = shared.start(tree, limits.as_dict(), serve)
+            service.offer = shared.start(tree, limits.as_dict())
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
             ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)

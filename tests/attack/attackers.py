@@ -13,7 +13,6 @@ import os
 import signal
 import socket
 import sys
-import threading
 import time
 
 import numpy as np
@@ -21,7 +20,6 @@ import zenoh
 
 from tests.support import messages
 from zenoh_tf._net import handover, keys
-from zenoh_tf._net.handover import CLIENT, REPLY, REQUEST
 
 
 def ready() -> None:
@@ -87,53 +85,6 @@ def region(opened: zenoh.Session) -> None:
         "refused": refused,
     }
     print(json.dumps(found), flush=True)
-    time.sleep(600)
-
-
-def _connections(opened: zenoh.Session, count: int) -> list[socket.socket]:
-    """Connections to the server's socket, as many as one client may have."""
-    offer, instance = _offer(opened)
-    name = str(opened.zid()).encode()
-    peers = []
-    for _ in range(count):
-        peer = handover.connect(offer, messages.TREE, instance, 20.0)
-        peer.settimeout(None)
-        peer.sendall(REQUEST.pack(len(name), CLIENT) + name)
-        peers.append(peer)
-    return peers
-
-
-def _local_lookup(rows: int) -> bytes:
-    payload = messages.pack(messages.same_lookup(rows, "probe_map", "probe_base", versions=True))
-    return REQUEST.pack(len(payload), b"lookup\0\0") + payload
-
-
-def local_frozen(opened: zenoh.Session, count: str, rows: str) -> None:
-    """Ask on many connections to the server's socket, and stop."""
-    peers = _connections(opened, int(count))
-    request = _local_lookup(int(rows))
-    ready()
-    for peer in peers:
-        peer.sendall(request)
-    os.kill(os.getpid(), signal.SIGSTOP)
-    time.sleep(600)
-
-
-def local_flood(opened: zenoh.Session, count: str, rows: str) -> None:
-    """Ask again and again on many connections to the server's socket."""
-    peers = _connections(opened, int(count))
-    request = _local_lookup(int(rows))
-
-    def ask(peer: socket.socket) -> None:
-        while True:
-            peer.sendall(request)
-            left = REPLY.unpack(peer.recv(REPLY.size, socket.MSG_WAITALL))[0]
-            while left:
-                left -= len(peer.recv(left))
-
-    ready()
-    for peer in peers:
-        threading.Thread(target=ask, args=(peer,), daemon=True).start()
     time.sleep(600)
 
 
@@ -207,7 +158,7 @@ def known_waiters(opened: zenoh.Session, queries: str, timeout_s: str) -> None:
 
 def main() -> None:
     kind, endpoint, *arguments = sys.argv[1:]
-    busy = (frozen, local_frozen, lookups, local_flood, remembered, puts, liar, region)
+    busy = (frozen, lookups, remembered, puts, liar, region)
     kinds = (*busy, waiters, known_waiters)
     play = {each.__name__: each for each in kinds}[kind]
     with messages.session(endpoint) as opened:

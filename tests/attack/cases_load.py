@@ -20,10 +20,6 @@ _FROZEN_S = 20.0
 @case("1: a client with four unread replies of 6.5 MB is stopped", ("frozen", "4", "100000"))
 @case("1b: two such clients", ("frozen", "4", "100000"), ("frozen", "4", "100000"))
 @case("1c: a client with 200 unread replies of 65 kB is stopped", ("frozen", "200", "1000"))
-@case(
-    "1d: a client with 32 unread replies of 0.3 MB on the server's socket is stopped",
-    ("local_frozen", "32", "3500"),
-)
 def _frozen(arena: Arena, *each: tuple[str, ...]) -> list[Finding]:
     with arena.server() as server, attackers(server, *each) as begin:
         found = beside(server, ALL, begin, _FROZEN_S, load=len(each) + 1)
@@ -124,10 +120,6 @@ def _age(ages: list[float]) -> Finding:
     ("lookups", "100000", "probe_base"),
 )
 @case("13c: the same by 4 clients", *[("lookups", "100000", "probe_base")] * 4)
-@case(
-    "13g: lookups of 3,500 rows by 1 client on 32 connections to the server's socket",
-    ("local_flood", "32", "3500"),
-)
 @case("13d: lookups of 100,000 failing rows by 1 client", ("lookups", "100000", "unknown"))
 @case(
     "13e: floods of puts of one transform by 4 publishers",

@@ -52,7 +52,7 @@ class Straight(Script):
 
     def read(self, exchange: Exchange, request: Request[Any]) -> Any:
         asking = Connection.__new__(Connection)
-        asking.exchange, asking.timeout_s, asking._is_local = exchange, TIMEOUT_S, False
+        asking.exchange, asking.timeout_s = exchange, TIMEOUT_S
         asking.queries = cast(Queries, self)
         result = asking.call(request)
         assert not self._replies, "it asked too little"

@@ -19,7 +19,7 @@ import numpy as np
 
 from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import TransformRows, reply_to_lookup
-from zenoh_tf._net import handover, keys
+from zenoh_tf._net import keys
 from zenoh_tf.errors import BY_CODE, FACTS, TransformException
 from zenoh_tf.estimate import estimate_of
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
@@ -320,18 +320,6 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
     "stream's heartbeat": (
         lambda: wire.pack(wire.stream_body(wire.StreamMessage(INSTANCE, 10, 9, 1 << 40))),
         read(wire.parse_stream),
-    ),
-    "socket: client": (
-        lambda: handover.REQUEST.pack(4, handover.CLIENT) + b"a1b2",
-        lambda data: list(handover.REQUEST.unpack_from(data)),
-    ),
-    "socket: header of a request": (
-        lambda: handover.REQUEST.pack(300, b"lookup\0\0"),
-        lambda data: list(handover.REQUEST.unpack(data)),
-    ),
-    "socket: header of a reply": (
-        lambda: handover.REPLY.pack(300),
-        lambda data: list(handover.REPLY.unpack(data)),
     ),
     "attachment": (f"a1b2 {keys.TAKES_PARTS}".encode, bytes.decode),
 }

@@ -80,5 +80,5 @@ HELLO = {
     **{"tree": "main", "instance": INSTANCE, "server_version": "0.1.0", "clock_ns": 1 << 40},
     "limits": {"message_bytes": 1 << 24, "rows": 100_000},
     "seq": 9,
-    "share": handover.Offer("boot", "/run/zenoh-tf/main.sock", True).fields(),
+    "share": handover.Offer("boot", "/run/zenoh-tf/main.sock").fields(),
 }

@@ -26,12 +26,12 @@ QUERY: Any = None  # lanes never look at it
 LIMITS = {"message_bytes": 1 << 20, "rows": 1000}  # what `hello` says
 
 
-def request(client: str, size: int = 0, name: str = "lookup") -> QueuedRequest[Any]:
+def request(client: str, size: int = 0, name: str = "lookup") -> QueuedRequest:
     return QueuedRequest(QUERY, name, client, size)
 
 
 def test_clients_take_turns() -> None:
-    lane: Lane[Any] = Lane(QueueShares(Limits()))
+    lane = Lane(QueueShares(Limits()))
     for name in ("a1", "a2", "a3"):
         assert lane.enqueue(request("a", name=name)) is None
     assert lane.enqueue(request("b", name="b1")) is None
@@ -52,8 +52,8 @@ def test_clients_take_turns() -> None:
 )
 def test_each_bound_refuses(limits: Limits, field: str) -> None:
     budget = QueueShares(limits)
-    lane: Lane[Any] = Lane(budget)
-    other_lane: Lane[Any] = Lane(budget)
+    lane = Lane(budget)
+    other_lane = Lane(budget)
     assert lane.enqueue(request("a", 2000)) is None
     assert other_lane.enqueue(request("a", 2000)) is None  # the bounds hold for all lanes together
     refusal = lane.enqueue(request("a", 2000))
@@ -68,7 +68,7 @@ def test_each_bound_refuses(limits: Limits, field: str) -> None:
 
 
 def test_a_request_larger_than_the_bound_waits_alone() -> None:
-    lane: Lane[Any] = Lane(QueueShares(Limits(client_pending_bytes=5000)))
+    lane = Lane(QueueShares(Limits(client_pending_bytes=5000)))
     assert lane.enqueue(request("a", 100_000)) is None
     assert isinstance(lane.enqueue(request("a")), ServerBusy)
 

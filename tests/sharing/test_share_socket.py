@@ -322,9 +322,7 @@ def test_hello_tells_where_the_socket_is(start_sharing: StartServer, socket_fold
     with start_sharing().connect() as tf:
         server = tf._connection.known_server
         assert server is not None
-        assert server.offer == handover.Offer(
-            handover.boot_id(), path_of(socket_folder), requests=True
-        )
+        assert server.offer == handover.Offer(handover.boot_id(), path_of(socket_folder))
 
 
 @pytest.mark.parametrize("share", [None, 5, {}, {"host": "x"}, {"host": "x", "socket": "\0x"}])

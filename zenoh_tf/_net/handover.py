@@ -1,9 +1,7 @@
 """How a server hands its shared tree over to clients of the same host, through a Unix socket.
 
-A client connects, and the server sends one message with the file descriptor of its region. A client
-that wants nothing else closes the connection. Else it sends its id, then a request, and the next
-one after the reply, if the server's offer says so: the messages that Zenoh would carry, each behind
-a header. docs/reference/protocol.md describes both.
+A client connects, and the server sends one message with the file descriptor of its region, and
+closes the connection. docs/reference/protocol.md describes the message.
 
 Internal: for `zenoh_tf_server`, which sends, and `zenoh_tf_client`, which receives.
 """
@@ -34,23 +32,6 @@ MAX_PATH_BYTES: Final = 108
 _RETRY_S: Final = 0.005
 _CLOSE_ON_EXEC: Final = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 
-# --- requests
-
-#: Before each request: the length of its message, and its type, filled up with zero bytes.
-REQUEST: Final = struct.Struct("<I8s")
-#: Before each reply: the length of its message. 0: the client has to ask over Zenoh.
-REPLY: Final = struct.Struct("<I")
-#: In place of a type in the first request, which has no reply: its message is the client's id.
-CLIENT: Final = b"client\0\0"
-#: The requests that a server accepts. The others are rare, or do work for long.
-REQUEST_TYPES: Final = {
-    name.encode().ljust(8, b"\0"): name for name in ("lookup", "commit", "batch")
-}
-#: Longest request and reply. What is longer takes milliseconds to serve, so it may as well go over
-#: Zenoh, where what waits is bounded in bytes.
-MAX_REQUEST_BYTES: Final = 1 << 16
-MAX_REPLY_BYTES: Final = 1 << 20
-
 
 @dataclass(frozen=True, slots=True)
 class Offer:
@@ -58,10 +39,9 @@ class Offer:
 
     host: str  # the boot id: another one cannot map the server's memory
     socket: str  # the path, as the server sees it
-    requests: bool = False  # the server accepts requests on it
 
     def fields(self) -> wire.Message:
-        return {"host": self.host, "socket": self.socket, "requests": self.requests}
+        return {"host": self.host, "socket": self.socket}
 
 
 def boot_id() -> str:
@@ -109,7 +89,7 @@ def parse_offer(value: object) -> Offer | None:
         return None
     if not path.startswith("/") or "\0" in path:
         return None
-    return Offer(host, path, value.get("requests") is True)
+    return Offer(host, path)
 
 
 def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedTree:
@@ -121,8 +101,7 @@ def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedT
         RegionRefused: What the socket's owner sent is not the tree, or cannot be read here.
         ProtocolError: What it sent is malformed.
     """
-    peer, fd, motion_limits = _greeting(offer, tree, instance, timeout_s, to_read=True)
-    peer.close()
+    fd, motion_limits = _greeting(offer, tree, instance, timeout_s)
     try:
         shared = SharedTree(fd)
     finally:
@@ -132,21 +111,10 @@ def receive(offer: Offer, tree: str, instance: str, timeout_s: float) -> SharedT
     return shared
 
 
-def connect(offer: Offer, tree: str, instance: str, timeout_s: float) -> socket.socket:
-    """Open a connection for requests to a server instance on this host.
-
-    Raises as `receive` does.
-    """
-    peer, fd, _ = _greeting(offer, tree, instance, timeout_s, to_read=False)
-    os.close(fd)
-    return peer
-
-
 def _greeting(
-    offer: Offer, tree: str, instance: str, timeout_s: float, *, to_read: bool
-) -> tuple[socket.socket, int, wire.MotionLimits]:
-    """The connection to a server instance, and the file descriptor and the limits of motion that it
-    has sent.
+    offer: Offer, tree: str, instance: str, timeout_s: float
+) -> tuple[int, wire.MotionLimits]:
+    """The file descriptor and the limits of motion that a server instance sends.
 
     In a container, the socket's folder may be mounted elsewhere than at the server's path. So the
     default folders are searched for the socket as well.
@@ -154,26 +122,22 @@ def _greeting(
     paths = [offer.socket]
     paths += [str(folder / Path(offer.socket).name) for folder in default_folders()]
     path = next((path for path in paths if _is_socket(path)), offer.socket)
-    fd = -1
-    peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as peer:
         payload, fd = _receive(peer, path, timeout_s)
+    try:
         message = wire.unpack(payload)
         layout = message.get("layout")
-        if to_read and layout != list(LAYOUT):
+        if layout != list(LAYOUT):
             raise RegionRefused(
                 f"the server's tree has the memory layout {_layout(layout)}, and this client reads "
                 f"{_layout(LAYOUT)}: install the same version of zenoh-tf in both"
             )
         if (wire.text(message, "tree"), wire.text(message, "instance")) != (tree, instance):
             raise RegionRefused(f"{path} belongs to another server")
-        motion_limits = wire.parse_motion_limits(message)
+        return fd, wire.parse_motion_limits(message)
     except BaseException:
-        if fd >= 0:
-            os.close(fd)
-        peer.close()
+        os.close(fd)
         raise
-    return peer, fd, motion_limits
 
 
 def _layout(layout: object) -> str:

@@ -118,8 +118,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         if True:  # asynchronous
             return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
         else:
-            local = reads != "query"
-            return cls(open_connection(endpoint, tree, timeout_s, credentials, local=local), reads)
+            return cls(open_connection(endpoint, tree, timeout_s, credentials), reads)
 
     def __repr__(self) -> str:
         opened = self._connection.opened

@@ -34,20 +34,12 @@ _STEP_S: Final = 1.0
 
 
 def open_connection(
-    endpoint: str | Sequence[str],
-    tree: str,
-    timeout_s: float,
-    credentials: Credentials,
-    *,
-    local: bool = True,
+    endpoint: str | Sequence[str], tree: str, timeout_s: float, credentials: Credentials
 ) -> Connection:
-    """Connect to one endpoint, or to several; raises what `Connection` raises.
-
-    `local`: as for `Connection`. With several, all requests go over Zenoh.
-    """
+    """Connect to one endpoint, or to several; raises what `Connection` raises."""
     endpoints = zenoh_config.endpoints_of(endpoint)
     if len(endpoints) == 1:
-        return Connection(endpoints, tree, timeout_s, credentials, local=local)
+        return Connection(endpoints, tree, timeout_s, credentials)
     return FailoverConnection(endpoints, tree, timeout_s, credentials)
 
 
@@ -64,7 +56,7 @@ class FailoverConnection(Connection):
     ) -> None:
         """Connect; raises what `Connection` raises."""
         self._watch: LinkWatch | None = None
-        super().__init__(endpoints, tree, timeout_s, credentials, local=False)
+        super().__init__(endpoints, tree, timeout_s, credentials)
         self._watch = LinkWatch(
             self.session,
             self.calls,

@@ -9,8 +9,6 @@ import time
 from collections.abc import Sequence
 from typing import ClassVar, Final, Protocol, TypeVar
 
-import zenoh
-
 from zenoh_tf import threads
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
@@ -21,7 +19,6 @@ from ..requests.receipt import Receipt
 from ..requests.request import Request
 from .calls import SessionCalls
 from .exchange import Exchange
-from .local_requests import LocalRequests
 from .opening import open_session
 from .served_trees import no_server_message, served_trees
 from .server_info import ServerInfo
@@ -67,12 +64,8 @@ class Connection:
         tree: str,
         timeout_s: float,
         credentials: Credentials = NO_CREDENTIALS,
-        *,
-        local: bool = True,
     ) -> None:
         """Connect to the server of `tree` at `endpoint`, or at the first of several that answers.
-
-        `local`: send requests through the server's socket as well, if it is on this host.
 
         Raises:
             ServerUnavailable: No server answered within `timeout_s`.
@@ -103,8 +96,6 @@ class Connection:
         self.queries = self._queries_type(
             self.session, self.calls, client_id, f"the server of tree {tree!r} at {self._address}"
         )
-        self.local = LocalRequests(self.queries, tree, client_id, on=local)
-        self._is_local = local
         try:
             self._token = self.session.liveliness().declare_token(keys.client(tree, client_id))
             self._wait_for_server(deadline_s)
@@ -116,7 +107,7 @@ class Connection:
 
     def __del__(self) -> None:
         # Zenoh would close the session when it is freed, outside of `calls`.
-        if hasattr(self, "local"):
+        if hasattr(self, "calls"):
             self.calls.add_owner(self)  # the garbage collector has cleared that reference
             self.close()
 
@@ -150,7 +141,6 @@ class Connection:
     def close(self) -> None:
         """Close the session; calls of other threads fail soon. May be called again."""
         self.calls.close()
-        self.local.close()
 
     @property
     def last_receipt(self) -> Receipt | None:
@@ -190,7 +180,7 @@ class Connection:
         key, payload = exchange.keys[request.request_type], server.check_size(request.payload())
         timeout_s = self.timeout_s + request.wait_s
         begin_s = time.monotonic()
-        reply = self._ask(server, key, payload, timeout_s)
+        reply = self.queries.ask(key, payload, timeout_s)
         if type(reply) is bytes and begin_s < exchange.next_hello_s:
             result = request.parse_plain(reply, server.instance)
             if result is not None:
@@ -213,15 +203,7 @@ class Connection:
         if isinstance(step, Pause):
             time.sleep(step.seconds)
             return None
-        return self._ask(self.exchange.server, step.key, step.payload, step.timeout_s)
-
-    def _ask(
-        self, server: ServerInfo | None, key: zenoh.KeyExpr, payload: bytes, timeout_s: float
-    ) -> bytes | NoReply:
-        """Send a query; return its reply, or why there is none."""
-        if not self._is_local or timeout_s > self.timeout_s:  # the server may wait so long
-            return self.queries.ask(key, payload, timeout_s)
-        return self.local.ask(server, key, payload, timeout_s)
+        return self.queries.ask(step.key, step.payload, step.timeout_s)
 
     def _wait_for_server(self, deadline_s: float) -> None:
         """Ask until a server answers, because it may still be starting. Give up early if the

@@ -58,9 +58,6 @@ _STATS: Final = (
     _gauge(
         "queued_query_bytes", "bytes of the queries that wait for a worker", key="pending_bytes"
     ),
-    _gauge(
-        "local_connections", "connections of clients on this host, who send requests through them"
-    ),
     _gauge("unread_reply_bytes", "bytes of replies that wait for clients that do not read"),
     _gauge(
         "remembered_outcomes", "replies to writes, remembered until their expiry", key="outcomes"

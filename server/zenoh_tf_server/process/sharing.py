@@ -9,8 +9,7 @@ this server did, so it can only start when this process has ended: a server that
 network can have a successor earlier, and shares nothing. And each server waits at its start until
 the lease of a predecessor must have lapsed (`wait_for_predecessor`).
 
-A client that wants no more than that sends nothing, and nothing of its connection is kept. The
-connection may be handed to `local_requests`, which bounds how many there are.
+A client sends nothing, and nothing of its connection is kept.
 
 Thread safety: construction and `close` by one thread.
 """
@@ -157,26 +156,20 @@ class Sharing:
             self._give_up(error)
             return make()
 
-    def start(
-        self,
-        tree: TransformTree,
-        limits: dict[str, int],
-        serve: Callable[[socket.socket], None] | None = None,
-    ) -> handover.Offer | None:
+    def start(self, tree: TransformTree, limits: dict[str, int]) -> handover.Offer | None:
         """Begin the lease and hand the tree over. Call it when no predecessor can have a lease.
-        `serve` gets each connection, if requests are to be served on it.
         Returns what `hello` says of it; None if the tree is not shared."""
         listener, path = self._listener, self._path
         if listener is None or path is None:
             return None
         self._keeper = LeaseKeeper(tree)
         hello = handover.message(self._tree_name, self._instance, limits, tree._motion_limits())
-        threads.start("share", self._hand_over, listener, hello, tree, serve)
+        threads.start("share", self._hand_over, listener, hello, tree)
         final = path.with_suffix(handover.SUFFIX)
         path.rename(final)
         self._path = final
         log.info("clients on this host can read the tree's memory: %s", final)
-        return handover.Offer(handover.boot_id(), str(final), requests=serve is not None)
+        return handover.Offer(handover.boot_id(), str(final))
 
     def close(self) -> None:
         """End the lease and remove the socket. May be called again."""
@@ -242,13 +235,7 @@ class Sharing:
             raise NetworkError(f"cannot share the tree: {reason}{name}") from error
         log.info("the tree is not shared, clients read by queries: %s%s", reason, name)
 
-    def _hand_over(
-        self,
-        listener: socket.socket,
-        hello: bytes,
-        tree: TransformTree,
-        serve: Callable[[socket.socket], None] | None,
-    ) -> None:
+    def _hand_over(self, listener: socket.socket, hello: bytes, tree: TransformTree) -> None:
         while not self._closed:
             try:
                 peer, _ = listener.accept()
@@ -261,8 +248,6 @@ class Sharing:
             with peer, contextlib.suppress(OSError):  # the client has gone, or reads no more
                 peer.settimeout(_SEND_TIMEOUT_S)
                 socket.send_fds(peer, [hello], [tree._region_fd()])
-                if serve is not None:
-                    serve(peer.dup())
 
 
 def wait_for_predecessor(settings: SharingSettings, listens_since_s: float) -> None:

@@ -14,15 +14,14 @@ import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeVar
+from typing import Final
+
+import zenoh
 
 from zenoh_tf.errors import TransformException
 
 from ..fair_share import FairShare
 from ..limits import Limits
-
-#: What waits: a query, or something else that stands for a request.
-Q = TypeVar("Q")
 
 #: What a waiting request costs beside its bytes, roughly.
 _OVERHEAD_BYTES: Final = 512
@@ -31,10 +30,10 @@ RETRY_AFTER_S: Final = 0.1
 
 
 @dataclass(slots=True)
-class QueuedRequest(Generic[Q]):
+class QueuedRequest:
     """A query that was received. `client` is the id of a client that is connected, or empty."""
 
-    query: Q
+    query: zenoh.Query
     request_type: str
     client: str
     size: int  # bytes of the payload
@@ -54,17 +53,17 @@ class QueueShares:
         return {"pending_queries": self.count.total, "pending_bytes": self.bytes.total}
 
 
-class Lane(Generic[Q]):
+class Lane:
     """Requests that wait for the same threads, a queue for each client."""
 
     def __init__(self, shares: QueueShares) -> None:
         self._shares, self._queries, self._sizes = shares, shares.count, shares.bytes
-        self._queues: OrderedDict[str, deque[QueuedRequest[Q]]] = OrderedDict()
+        self._queues: OrderedDict[str, deque[QueuedRequest]] = OrderedDict()
         self._filled = threading.Condition(shares.lock)
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
-    def enqueue(self, request: QueuedRequest[Q]) -> TransformException | None:
+    def enqueue(self, request: QueuedRequest) -> TransformException | None:
         """Queue a request, or return why it is refused."""
         client, cost = request.client, request.size + _OVERHEAD_BYTES
         with self._shares.lock:
@@ -81,12 +80,12 @@ class Lane(Generic[Q]):
                 self._filled.notify()
             return None
 
-    def take(self) -> QueuedRequest[Q] | None:
+    def take(self) -> QueuedRequest | None:
         """The next request of the client whose turn it is; None if there is none."""
         with self._shares.lock:
             return self._take()
 
-    def wait(self) -> QueuedRequest[Q] | None:
+    def wait(self) -> QueuedRequest | None:
         """The same, but waits for a request. None: the lane is closed and empty."""
         with self._shares.lock:
             while (request := self._take()) is None:
@@ -103,7 +102,7 @@ class Lane(Generic[Q]):
             self._closed = True
             self._filled.notify_all()
 
-    def _take(self) -> QueuedRequest[Q] | None:
+    def _take(self) -> QueuedRequest | None:
         if not self._queues:
             return None
         client, queue = self._queues.popitem(last=False)
@@ -115,7 +114,7 @@ class Lane(Generic[Q]):
         return request
 
 
-class Admission(Lane[Q], ABC):
+class Admission(Lane, ABC):
     """Lets some requests be served at once; others wait in the lane, or are refused.
 
     Invariant: requests wait only while no place is free. `queue_if_busy` takes a place or
@@ -128,28 +127,24 @@ class Admission(Lane[Q], ABC):
         self._lock = threading.Lock()
         self._free = places  # guarded by the lock
 
-    def queue_if_busy(self, request: Any, size: int) -> Any:
-        """Take a free place until `end`, and return None: the caller serves the request. If no
-        place is free, return what `_queue` does with the request, of `size` bytes."""
+    def queue_if_busy(self, query: zenoh.Query, size: int) -> bool:
+        """Take a free place until `end`, and return False: the caller serves the query. If no place
+        is free, queue or refuse the query, of `size` bytes, and return True."""
         with self._lock:
-            if not self._free:
-                return self._queue(request, size)
-            self._free -= 1
-            return None
+            if self._free:
+                self._free -= 1
+                return False
+            self._queue(query, size)
+            return True
 
-    def end(self) -> QueuedRequest[Q] | None:
-        """End a request. Returns the one that is served in its place, if `_resume` has not."""
+    def end(self) -> QueuedRequest | None:
+        """End a request. Returns the one that the caller serves in its place, if one waits."""
         with self._lock:
             if self._queues and (request := self.take()) is not None:
-                return self._resume(request)
+                return request
             self._free += 1
             return None
 
     @abstractmethod
-    def _queue(self, request: Any, size: int) -> Any:
-        """Put a request into the lane, or refuse it. Called with the lock."""
-
-    def _resume(self, request: QueuedRequest[Q]) -> QueuedRequest[Q] | None:
-        """Serve a request that has waited, or return it to the thread that calls `end`. Called with
-        the lock."""
-        return request
+    def _queue(self, query: zenoh.Query, size: int) -> None:
+        """Put a query into the lane, or refuse it. Called with the lock."""

@@ -80,8 +80,8 @@ class Workers:
         #: By request type.
         self.keys: dict[str, zenoh.KeyExpr] = {}
         self._threads: list[threading.Thread] = []
-        long: Lane[zenoh.Query] = Lane(self.shares)
-        infos: Lane[zenoh.Query] = Lane(self.shares)
+        long: Lane = Lane(self.shares)
+        infos: Lane = Lane(self.shares)
         self._lanes = ((long, count), (infos, 1))
         self._queryables = [
             _Queryable(
@@ -147,13 +147,11 @@ class Workers:
             log.exception("internal error while serving %s", request_type)
             query.drop()
 
-    def _serve_lane(self, lane: Lane[zenoh.Query]) -> None:
+    def _serve_lane(self, lane: Lane) -> None:
         while (request := lane.wait()) is not None:
             self.serve(request.query, request.request_type)
 
-    def enqueue(
-        self, lane: Lane[zenoh.Query], query: zenoh.Query, request_type: str, size: int
-    ) -> None:
+    def enqueue(self, lane: Lane, query: zenoh.Query, request_type: str, size: int) -> None:
         """Let a query wait in a lane, or refuse it."""
         refusal: Exception | None
         if size > self._service.limits.message_bytes:
@@ -164,12 +162,10 @@ class Workers:
             self._reply_to(query, request_type, size)(self._service.error(refusal), True)
 
 
-class _Queryable(Admission[zenoh.Query]):
+class _Queryable(Admission):
     """The channel and the threads of one type of requests."""
 
-    def __init__(
-        self, workers: Workers, request_type: str, count: int, long_lane: Lane[zenoh.Query]
-    ) -> None:
+    def __init__(self, workers: Workers, request_type: str, count: int, long_lane: Lane) -> None:
         super().__init__(workers.shares, count)
         self._workers = workers
         self._request_type = request_type
@@ -217,6 +213,5 @@ class _Queryable(Admission[zenoh.Query]):
                 return
         self._workers.enqueue(self._long_lane, query, self._request_type, size)
 
-    def _queue(self, query: zenoh.Query, size: int) -> bool:
+    def _queue(self, query: zenoh.Query, size: int) -> None:
         self._workers.enqueue(self, query, self._request_type, size)
-        return True
