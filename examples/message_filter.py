@@ -3,17 +3,9 @@
 import argparse
 import queue
 import time
-from dataclasses import dataclass
 
 from zenoh_tf_client import tf2
-from zenoh_tf_client.tf2 import Header, Time, Vector3
-
-
-@dataclass
-class PointStamped:  # as in geometry_msgs
-    header: Header
-    point: Vector3
-
+from zenoh_tf_client.tf2 import Header, Point, PointStamped, Time
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
@@ -27,7 +19,7 @@ points.registerFailureCallback(lambda p, reason, error: lines.put(f"{reason.name
 start_ns = time.time_ns()
 for number in range(3):  # the sensor is faster than the odometry
     stamp = Time(nanoseconds=start_ns + number * 10**8)
-    points.add(PointStamped(Header(stamp, "base_link"), Vector3(x=float(number))))
+    points.add(PointStamped(Header(stamp, "base_link"), Point(x=float(number))))
 print(lines.get())
 
 t = tf2.TransformStamped(Header(Time(), "map"), "base_link")

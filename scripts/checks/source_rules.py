@@ -40,6 +40,7 @@ SOURCES = ("zenoh_tf", "server", "client", "tests", "bench", "examples", "docker
 #: Files of a folder, and those that have more, with the reason.
 MAX_FILES = 15
 LARGE_FOLDERS = {
+    "client/zenoh_tf_client/tf2": "its files have the names of tf2_ros's, which scripts import",
     "docs/explanation/decisions": "one record for each decision",
     "docs/how-to": "one page for each task",
     "zenoh_tf": "one file for each class of the library",

@@ -89,8 +89,3 @@ def test_a_listener_has_nothing_to_do(shim: TransformClient) -> None:
     assert shim_buffer.can_transform("map", "base", at(1), lasting(30))
     listener.unregister()
     assert shim_buffer.can_transform("map", "base", at(1))
-
-
-def test_a_listener_of_other_topics_is_refused(shim: TransformClient) -> None:
-    with pytest.raises(TypeError, match="tf_topic"):
-        tf2.TransformListener(tf2.Buffer(), None, tf_topic="/robot/tf")  # type: ignore[call-arg]

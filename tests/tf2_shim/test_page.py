@@ -39,7 +39,7 @@ IMPORTS = [code for code in CODE if "zenoh_tf_client.tf2" in code and "import" i
 
 
 def test_every_import_works() -> None:
-    assert len(IMPORTS) == 6
+    assert len(IMPORTS) == 7
     for line in IMPORTS:
         exec(line, {})
 

@@ -22,12 +22,18 @@ from zenoh_tf.errors import (
 )
 
 from .buffer import Buffer
+from .buffer_client import BufferClient
+from .buffer_interface import BufferInterface, NotImplementedException
 from .clouds import do_transform_cloud
 from .connection import close, connect
 from .future import TransformFuture
 from .message_filter import FilterFailureReason, MessageFilter, TransformFilter
 from .messages import (
     Header,
+    Point,
+    PointStamped,
+    Pose,
+    PoseStamped,
     Quaternion,
     Transform,
     TransformStamped,
@@ -37,11 +43,12 @@ from .messages import (
 from .static_transform_broadcaster import StaticTransformBroadcaster
 from .times import Duration, Time
 from .transform_broadcaster import TransformBroadcaster
-from .transform_listener import TransformListener
+from .transform_listener import StaticTransformListener, TransformListener
 from .transforming import (
     TransformRegistration,
     TypeException,
     do_transform_point,
+    do_transform_polygon_stamped,
     do_transform_pose,
     do_transform_pose_stamped,
     do_transform_pose_with_covariance_stamped,
@@ -52,6 +59,8 @@ from .transforming import (
 __all__ = [
     "BackwardExtrapolationException",
     "Buffer",
+    "BufferClient",
+    "BufferInterface",
     "ConnectivityException",
     "Duration",
     "ExtrapolationException",
@@ -62,8 +71,14 @@ __all__ = [
     "LookupException",
     "MessageFilter",
     "NoDataForExtrapolationException",
+    "NotImplementedException",
+    "Point",
+    "PointStamped",
+    "Pose",
+    "PoseStamped",
     "Quaternion",
     "StaticTransformBroadcaster",
+    "StaticTransformListener",
     "Time",
     "TimeoutException",
     "Transform",
@@ -80,6 +95,7 @@ __all__ = [
     "connect",
     "do_transform_cloud",
     "do_transform_point",
+    "do_transform_polygon_stamped",
     "do_transform_pose",
     "do_transform_pose_stamped",
     "do_transform_pose_with_covariance_stamped",

@@ -13,14 +13,11 @@ from zenoh_tf.errors import (
 )
 
 from . import frames_text
+from .buffer_interface import NO_WAIT, BufferInterface
 from .connection import connect
 from .future import TransformFuture
 from .messages import TransformStamped, message_of, stamped_of
-from .times import Duration, Time, nanoseconds, stamp_ns, time_of
-from .transforming import do_transform
-
-#: The default time-out: do not wait.
-_NO_WAIT = Duration()
+from .times import Time, nanoseconds, stamp_ns, time_of
 
 #: The errors that make `can_transform` return False. It raises the others, such as
 #: ServerUnavailable, because they say nothing about the transform.
@@ -32,7 +29,7 @@ _NOT_POSSIBLE = (
 )
 
 
-class Buffer:
+class Buffer(BufferInterface):
     """Queries the server of the process's connection (`connect`).
 
     Lookups return `TransformStamped`, the pose of source in target (``X_target_source``, metres),
@@ -53,12 +50,12 @@ class Buffer:
     """
 
     def __init__(self, cache_time: Any = None, node: Any = None) -> None:
-        pass
+        super().__init__()
 
     # --- lookups
 
     def lookup_transform(
-        self, target_frame: str, source_frame: str, time: Any, timeout: Any = _NO_WAIT
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = NO_WAIT
     ) -> TransformStamped:
         """Look up the pose of a frame in another frame, interpolated.
 
@@ -69,7 +66,8 @@ class Buffer:
             timeout: How long to wait for writes that make the lookup succeed.
 
         Returns:
-            ``X_target_source``, stamped with the time that was used.
+            ``X_target_source``, stamped with the time that was used, which is 0 for the latest
+            time of a path of static links only.
 
         Raises:
             TransformException: The lookup failed; see the class.
@@ -87,7 +85,7 @@ class Buffer:
         source_frame: str,
         source_time: Any,
         fixed_frame: str,
-        timeout: Any = _NO_WAIT,
+        timeout: Any = NO_WAIT,
     ) -> TransformStamped:
         """Look up the pose of a frame at one time in another frame at another time.
 
@@ -121,7 +119,7 @@ class Buffer:
         target_frame: str,
         source_frame: str,
         time: Any,
-        timeout: Any = _NO_WAIT,
+        timeout: Any = NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
         """Return whether `lookup_transform` with the same arguments would succeed.
@@ -138,7 +136,7 @@ class Buffer:
         source_frame: str,
         source_time: Any,
         fixed_frame: str,
-        timeout: Any = _NO_WAIT,
+        timeout: Any = NO_WAIT,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]:
         """Return whether `lookup_transform_full` with the same arguments would succeed.
@@ -208,51 +206,6 @@ class Buffer:
         """Return what `lookup_transform_full` returns, once it succeeds."""
         return await self.wait_for_transform_full_async(
             target_frame, target_time, source_frame, source_time, fixed_frame
-        )
-
-    # --- transforming messages
-
-    def transform(self, object_stamped: Any, target_frame: str, timeout: Any = _NO_WAIT) -> Any:
-        """Transform a stamped message to another frame, at the time of the message.
-
-        Args:
-            object_stamped: A PointStamped, Vector3Stamped, PoseStamped, WrenchStamped,
-                PoseWithCovarianceStamped or PointCloud2, recognised by its attributes, or a
-                message of a type that `TransformRegistration` knows.
-            target_frame: The frame to transform to.
-            timeout: How long to wait for writes that make the lookup succeed.
-
-        Returns:
-            A transformed copy.
-
-        Raises:
-            TransformException: The lookup failed; see the class.
-            TypeException: The message is of another kind.
-        """
-        header = object_stamped.header
-        return do_transform(
-            object_stamped,
-            self.lookup_transform(target_frame, header.frame_id, header.stamp, timeout),
-        )
-
-    def transform_full(
-        self,
-        object_stamped: Any,
-        target_frame: str,
-        target_time: Any,
-        fixed_frame: str,
-        timeout: Any = _NO_WAIT,
-    ) -> Any:
-        """Transform a stamped message to another frame at `target_time`; see `transform`.
-
-        The message is assumed not to move in `fixed_frame` between its time and `target_time`.
-        """
-        header = object_stamped.header
-        return do_transform(
-            object_stamped,
-            self.lookup_transform_full(
-                target_frame, target_time, header.frame_id, header.stamp, fixed_frame, timeout
-            ),
         )
 
     # --- writes

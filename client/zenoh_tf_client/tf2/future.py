@@ -9,7 +9,7 @@ from concurrent.futures import CancelledError, Future, InvalidStateError
 from typing import Any
 
 from zenoh_tf import threads
-from zenoh_tf.errors import ServerUnavailable
+from zenoh_tf.errors import ServerUnavailable, ServiceException
 
 from .connection import wait_loop
 from .messages import TransformStamped
@@ -33,8 +33,11 @@ class TransformFuture(Future[TransformStamped]):
                 seconds.
         """
         super().__init__()
-        # To connect may take seconds, and the caller may be an event loop.
-        threads.start("tf2 wait", self._begin, lookup)
+        try:
+            # To connect may take seconds, and the caller may be an event loop.
+            threads.start("tf2 wait", self._begin, lookup)
+        except RuntimeError as error:
+            self.set_exception(ServiceException(f"no thread can be started to wait: {error}"))
 
     def __await__(self) -> Generator[Any, None, TransformStamped]:
         try:

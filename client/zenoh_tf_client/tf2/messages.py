@@ -61,6 +61,39 @@ class TransformStamped:
     transform: Transform = field(default_factory=Transform)
 
 
+@dataclass(slots=True)
+class Point:
+    """A position, in metres."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+@dataclass(slots=True)
+class Pose:
+    """A position and an orientation."""
+
+    position: Point = field(default_factory=Point)
+    orientation: Quaternion = field(default_factory=Quaternion)
+
+
+@dataclass(slots=True)
+class PointStamped:
+    """A point in `header.frame_id` at `header.stamp`."""
+
+    header: Header = field(default_factory=Header)
+    point: Point = field(default_factory=Point)
+
+
+@dataclass(slots=True)
+class PoseStamped:
+    """A pose in `header.frame_id` at `header.stamp`."""
+
+    header: Header = field(default_factory=Header)
+    pose: Pose = field(default_factory=Pose)
+
+
 def fill(message: M, values: Any) -> M:
     """Copy a result into a message of ROS's, or of any class with the same attributes.
 

@@ -128,6 +128,17 @@ def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
     return with_header(out, transform)
 
 
+def do_transform_polygon_stamped(polygon: Any, transform: Any) -> Any:
+    """Transform a PolygonStamped: each of its points."""
+    out = copy.deepcopy(polygon)
+    points = out.polygon.points
+    if len(points):
+        moved = transform_of(transform).apply([_xyz(point) for point in points])
+        for point, values in zip(points, moved, strict=True):
+            _set_xyz(point, values)
+    return with_header(out, transform)
+
+
 def do_transform_wrench(wrench: Any, transform: Any) -> Any:
     """Transform a WrenchStamped: the equal wrench at the origin of the other frame.
 
@@ -153,6 +164,8 @@ def _by_attributes(message: Any) -> Function | None:
         return do_transform_point
     if hasattr(message, "vector"):
         return do_transform_vector3
+    if hasattr(message, "polygon"):
+        return do_transform_polygon_stamped
     if hasattr(message, "wrench"):
         return do_transform_wrench
     if hasattr(message, "pose"):

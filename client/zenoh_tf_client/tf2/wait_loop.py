@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from typing import Any, Final, TypeVar
 
 from zenoh_tf import StampedTransform, threads
-from zenoh_tf.errors import ServerUnavailable
+from zenoh_tf.errors import ServerUnavailable, ServiceException
 from zenoh_tf_client.aio.client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import Connection
 from zenoh_tf_client.aio.session.waits import in_rounds
@@ -37,15 +37,23 @@ class WaitLoop:
     """
 
     def __init__(self, client: TransformClient) -> None:
-        """Start the thread. `client` must stay open until `close`."""
+        """Start the thread. `client` must stay open until `close`.
+
+        Raises ServiceException if the process has no thread or file left for it.
+        """
         self._lock = threading.Lock()
         self._closed = False
         self._owner = client
         self._end = asyncio.Event()
         started: Future[asyncio.AbstractEventLoop] = Future()
         # A daemon, so that a script may end while lookups wait.
-        threads.start("tf2 waits", lambda: asyncio.run(self._main(started)))
-        self._loop = started.result()
+        try:
+            threads.start("tf2 waits", self._run, started)
+            self._loop = started.result()
+        except (RuntimeError, OSError) as error:
+            raise ServiceException(
+                f"no thread can be started for lookups that wait: {error}"
+            ) from error
 
     @property
     def is_closed(self) -> bool:
@@ -81,6 +89,17 @@ class WaitLoop:
         return message_of(
             await in_rounds(lambda wait_s: lookup(self.client, wait_s), deadline_s, _ROUND_S)
         )
+
+    def _run(self, started: Future[asyncio.AbstractEventLoop]) -> None:
+        main = self._main(started)
+        try:
+            asyncio.run(main)
+        except BaseException as error:
+            main.close()
+            # The constructor waits for `started`, and holds the lock of the connection.
+            if started.done():
+                raise
+            started.set_exception(error)
 
     async def _main(self, started: Future[asyncio.AbstractEventLoop]) -> None:
         #: For the coroutines that `start` runs.
