@@ -194,9 +194,12 @@ REFUSED = {
         robot(joint("a", "base", "one", "revolute", '<mimic joint="a"/>')),
         "mimics itself",
     ),
-    "a mimic of nothing": (
-        robot(joint("a", "base", "one", "revolute", '<mimic joint="b"/>')),
-        "'b', which cannot move",
+    "mimics in a circle": (
+        robot(
+            joint("a", "base", "one", "revolute", '<mimic joint="b"/>'),
+            joint("b", "one", "two", "revolute", '<mimic joint="a"/>'),
+        ),
+        "mimics itself",
     ),
 }
 

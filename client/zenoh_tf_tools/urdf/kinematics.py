@@ -56,7 +56,7 @@ class Counts:
 
     transforms: int = 0
     unknown_joints: int = 0  # names that the robot has not
-    not_numbers: int = 0  # positions that are NaN or infinite; their joints are left out
+    not_numbers: int = 0  # positions that are NaN or infinite, which are not used
     beyond_limits: int = 0  # positions outside of the joint's limits; published all the same
 
 
@@ -79,7 +79,9 @@ class JointTransforms:
 
     def __init__(self, robot: Robot, frame: FrameNames = AS_IN_URDF) -> None:
         self._joints = robot.of_kind(*MOVING)
+        self._order = _leaders_first(self._joints)
         self._known = {joint.name for joint in robot.joints}
+        self._moving = {joint.name for joint in self._joints}
         self._frame = frame
         self._plan = functools.lru_cache(_MAX_PLANS)(self._make_plan)
         self.counts = Counts()
@@ -119,8 +121,14 @@ class JointTransforms:
 
         Returns:
             A row for each joint that moves. A joint that mimics another has the position that the
-            message gives for itself, if it does.
+            message gives for itself, if it does and that is a number.
         """
+        usable = np.isfinite(positions)
+        if not usable.all():
+            bad = [name for name, ok in zip(names, usable, strict=True) if not ok]
+            self._count("not_numbers", [name for name in bad if name in self._moving])
+            names = [name for name, ok in zip(names, usable, strict=True) if ok]
+            positions = positions[usable]
         plan = self._plan(tuple(names))
         counts = self.counts
         self._count("unknown_joints", plan.unknown)
@@ -153,26 +161,25 @@ class JointTransforms:
 
     def _make_plan(self, names: tuple[str, ...]) -> _Plan:
         place = {name: at for at, name in enumerate(names)}
-        by_name = {joint.name: joint for joint in self._joints}
-        rows, sources, multipliers, offsets = [], [], [], []
-        for row, joint in enumerate(self._joints):
-            driver, multiplier, offset = joint, 1.0, 0.0
-            while driver.name not in place and driver.mimic is not None:
-                # multiplier * (m * q + o) + offset
-                offset += multiplier * driver.mimic.offset
-                multiplier *= driver.mimic.multiplier
-                driver = by_name[driver.mimic.joint]
-            if driver.name in place:
-                rows.append(row)
-                sources.append(place[driver.name])
-                multipliers.append(multiplier)
-                offsets.append(offset)
+        # By the joint: the position in the message that moves it, and the factor and the offset.
+        moved: dict[str, tuple[int, float, float]] = {}
+        for row in self._order:
+            joint = self._joints[row]
+            mimic = joint.mimic
+            if joint.name in place:
+                moved[joint.name] = (place[joint.name], 1.0, 0.0)
+            elif mimic is not None and mimic.joint in moved:
+                source, multiplier, offset = moved[mimic.joint]
+                m = mimic.multiplier  # m * (multiplier * q + offset) + mimic.offset
+                moved[joint.name] = (source, m * multiplier, m * offset + mimic.offset)
+        rows = [row for row, joint in enumerate(self._joints) if joint.name in moved]
+        found = [moved[self._joints[row].name] for row in rows]
         at = np.array(rows, np.intp)
         return _Plan(
             at,
-            np.array(sources, np.intp),
-            np.array(multipliers, np.float64),
-            np.array(offsets, np.float64),
+            np.array([source for source, _, _ in found], np.intp),
+            np.array([multiplier for _, multiplier, _ in found], np.float64),
+            np.array([offset for _, _, offset in found], np.float64),
             [name for name in names if name not in self._known],
             *self._columns(at),
         )
@@ -188,6 +195,21 @@ class JointTransforms:
         ]
         columns = np.array(ends, np.uint32).reshape(-1, 2)
         return list(index), columns[:, 0].copy(), columns[:, 1].copy()
+
+
+def _leaders_first(joints: Sequence[Joint]) -> list[int]:
+    """The rows of joints, each after that of the joint that it mimics."""
+    row_of = {joint.name: row for row, joint in enumerate(joints)}
+    order: dict[int, None] = {}
+    for row in range(len(joints)):
+        path = []
+        each: int | None = row
+        while each is not None and each not in order:
+            path.append(each)
+            mimic = joints[each].mimic
+            each = None if mimic is None else row_of[mimic.joint]
+        order.update(dict.fromkeys(reversed(path)))
+    return list(order)
 
 
 def fixed_transforms(robot: Robot, frame: FrameNames = AS_IN_URDF) -> list[StampedTransform]:

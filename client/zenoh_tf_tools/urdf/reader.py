@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import InvalidArgumentException, LimitExceeded, Transform
+from zenoh_tf.text import quoted
+from zenoh_tf.text.similar import did_you_mean
 
 #: Larger files are not descriptions of a robot, which name their meshes instead of having them.
 MAX_BYTES: Final = 64 << 20
@@ -29,6 +31,8 @@ MAX_BYTES: Final = 64 << 20
 MOVING: Final = ("revolute", "continuous", "prismatic")
 #: Those that need more than one number, which JointState does not have.
 UNSUPPORTED: Final = ("floating", "planar")
+#: Misspelt names for which similar ones are searched, at a cost of the number of joints each.
+_MAX_HINTS: Final = 3
 _KINDS: Final = ("fixed", *MOVING, *UNSUPPORTED)
 
 
@@ -63,6 +67,7 @@ class Robot:
     name: str
     root: str  # the link that is no joint's child
     joints: tuple[Joint, ...]
+    warnings: tuple[str, ...] = ()  # what of the file was left out, and why
 
     def of_kind(self, *kinds: str) -> list[Joint]:
         """The joints of these types."""
@@ -86,8 +91,10 @@ def parse(text: bytes, source: str = "URDF") -> Robot:
     root = _parse_xml(text, source)
     links = [name_of(element, source) for element in root.findall("link")]
     # A transmission has elements named joint as well, but deeper in the file.
-    joints = tuple(_joint(element, source) for element in root.findall("joint"))
-    return Robot(root.get("name", ""), _check_tree(links, joints, source), joints)
+    joints = [_joint(element, source) for element in root.findall("joint")]
+    base = _check_tree(links, joints, source)
+    warnings = _drop_mimics(joints, source)
+    return Robot(root.get("name", ""), base, tuple(joints), tuple(warnings))
 
 
 def read_xml(path: Path) -> Element:
@@ -234,7 +241,6 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], source: str) -> s
             field=roots[1],
         )
     _check_loops(children, roots, source)
-    _check_mimics({joint.name: joint for joint in joints}, source)
     return roots[0]
 
 
@@ -252,19 +258,45 @@ def _check_loops(children: dict[str, Joint], roots: Sequence[str], source: str) 
         raise InvalidArgumentException(f"{source}: the robot has no links")
 
 
+def _drop_mimics(joints: list[Joint], source: str) -> list[str]:
+    """Remove the <mimic> of joints that name no joint that moves, and return a warning for each.
+
+    Such a joint moves only where a message names it. Raises InvalidArgumentException if a joint
+    mimics itself, alone or through others.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    warnings: list[str] = []
+    for at, joint in enumerate(joints):
+        mimic = joint.mimic
+        if mimic is None:
+            continue
+        leader = by_name.get(mimic.joint)
+        if leader is not None and leader.kind in MOVING:
+            continue
+        why = "does not exist" if leader is None else f"is {leader.kind}"
+        hint = None
+        if leader is None and len(warnings) < _MAX_HINTS:
+            hint = did_you_mean(mimic.joint, by_name.keys())
+        warnings.append(
+            f"{source}: joint {quoted(joint.name)}: it mimics {quoted(mimic.joint)}, which {why}; "
+            f"its <mimic> is ignored{f' ({hint})' if hint else ''}"
+        )
+        joints[at] = by_name[joint.name] = replace(joint, mimic=None)
+    _check_mimics(by_name, source)
+    return warnings
+
+
 def _check_mimics(joints: dict[str, Joint], source: str) -> None:
+    ends: set[str] = set()  # joints whose leaders are known to end
     for joint in joints.values():
-        seen, mimic = {joint.name}, joint.mimic
-        while mimic is not None:
-            other = joints.get(mimic.joint)
-            if other is None or other.kind not in MOVING:
-                raise Part(source, "joint", joint.name).invalid(
-                    f"it mimics {mimic.joint!r}, which cannot move"
-                )
-            if other.name in seen:
-                raise Part(source, "joint", joint.name).invalid("it mimics itself")
-            seen.add(other.name)
-            mimic = other.mimic
+        followed: dict[str, None] = {}
+        each = joint
+        while each.mimic is not None and each.name not in ends:
+            if each.name in followed:
+                raise Part(source, "joint", each.name).invalid("it mimics itself")
+            followed[each.name] = None
+            each = joints[each.mimic.joint]
+        ends.update(followed)
 
 
 def _repeated(names: Sequence[str]) -> str | None:

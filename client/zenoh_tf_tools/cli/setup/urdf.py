@@ -24,6 +24,8 @@ from zenoh_tf_tools.urdf.reader import MOVING, UNSUPPORTED, Joint, Robot, read
 _PERIOD_S: Final = 0.5
 #: After this long without a message it is reported.
 _SILENCE_S: Final = 5.0
+#: Warnings about a file that are printed; ``--json`` has all.
+_MAX_WARNINGS: Final = 10
 
 
 def add(commands: Commands) -> None:
@@ -84,6 +86,10 @@ def _urdf(args: argparse.Namespace) -> int:
         robot = read(args.file)
     except OSError as error:
         raise CommandError(f"{args.file}: {error.strerror or error}") from error
+    for warning in robot.warnings[:_MAX_WARNINGS]:
+        print(f"zenoh-tf: {printable(warning)}", file=sys.stderr)
+    if (more := len(robot.warnings) - _MAX_WARNINGS) > 0:
+        print(f"zenoh-tf: and {more:,} more joints like these", file=sys.stderr)
     if args.authority is None:
         args.authority = "/".join(filter(None, ("urdf", args.prefix.strip("/"))))
     frame = FrameNames(args.prefix, filter(None, args.shared.split(",")))
@@ -159,7 +165,7 @@ def _problems(
         ("no_stamp", "messages without a time (stamp 0) are dropped"),
         ("not_sent", f"messages are dropped: {feed.last_error}"),
         ("unknown_joints", "joints that the file has not are left out, such as"),
-        ("not_numbers", "positions that are NaN or infinite are left out, such as that of"),
+        ("not_numbers", "positions that are NaN or infinite are not used, such as that of"),
         (
             "beyond_limits",
             "positions beyond the limits are published all the same, such as that of",
@@ -197,6 +203,7 @@ def _document(robot: Robot, frame: FrameNames, *, stored: bool) -> dict[str, obj
         "robot": robot.name,
         "root": frame(robot.root),
         "stored": stored,
+        "warnings": list(robot.warnings),
         "joints": [_joint_document(joint, frame) for joint in robot.joints],
     }
 
