@@ -19,9 +19,11 @@ from tests.support.waiting import wait_until
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog
 from zenoh_tf._net import keys
-from zenoh_tf.errors import ProtocolError
+from zenoh_tf.errors import ProtocolError, ServerUnavailable
 from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.own_threads import OwnThreads
 from zenoh_tf.mirrors.source import ServerStatus
+from zenoh_tf.mirrors.steps import Steps
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.sharing import SharingSettings
 from zenoh_tf_server.process.upstream import Upstream
@@ -91,6 +93,56 @@ def test_an_owner_that_cannot_take_a_copy_gets_another(caplog: pytest.LogCapture
     finally:
         feed.close()
     assert received[3:] == [None]
+
+
+class AtOnce(OwnThreads):
+    """Takes all steps of the checks for another server before `run` returns, as a thread may that
+    began at once while its starter had to wait for a processor. It takes no time for pauses."""
+
+    def __init__(self, outcomes: list[str | Exception | None]) -> None:
+        """`outcomes`: of each check: the instance that answers, an error, or no thread."""
+        self._outcomes = outcomes
+        self.checks = 0
+
+    def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
+        if getattr(steps, "gi_code").co_name != "_check_server":  # noqa: B009
+            return super().run(feed, steps)
+        outcome = self._outcomes[min(self.checks, len(self._outcomes) - 1)]
+        self.checks += 1
+        if outcome is None:
+            return False
+        with contextlib.suppress(StopIteration, OSError):
+            next(steps)
+            if isinstance(outcome, Exception):
+                steps.throw(outcome)
+            else:
+                steps.send(ServerStatus(outcome, time.monotonic_ns(), 0))
+            steps.send(False)
+        return True
+
+
+@pytest.mark.parametrize(
+    "first",
+    ["i", ServerUnavailable("away"), OSError("broken"), None],
+    ids=["another's message", "no reply", "an error", "no thread"],
+)
+def test_a_check_that_ends_at_once_is_followed_by_others(first: str | Exception | None) -> None:
+    """The flag that a check is under way stayed set, and the mirror followed a server that had
+    gone for ever."""
+    runner = AtOnce([first, "j"])
+    feed = MirrorFeed(Server(), lambda tree, instance: None, runner=runner)
+    try:
+        feed.wait_for_copy(10)
+        assert feed.snapshots == 1
+        message = wire.StreamMessage("j", 1, 0, time.monotonic_ns())
+        payload = SimpleNamespace(to_bytes=lambda: wire.pack(wire.stream_body(message)))
+        sample = SimpleNamespace(payload=payload, key_expr=keys.stream("main", "j"))
+        for checks in (1, 2):
+            feed.take([cast(Any, sample)])
+            assert runner.checks == checks
+        wait_until(lambda: feed.snapshots == 2, "it does not look for the other server")
+    finally:
+        feed.close()
 
 
 @pytest.mark.parametrize("value", [{}, {"value": 3}, {"value": {}}])

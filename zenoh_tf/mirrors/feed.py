@@ -65,8 +65,8 @@ _CLOCK_PERIODS: Final = 10
 #: The least time between two questions whether another server has come.
 _CHECK_PERIOD_S: Final = 0.1
 _JOIN_TIMEOUT_S: Final = 1.0
-#: Errors of requests for which the first copy waits on, whether or not it restarts.
-_MAY_PASS: Final = (ServerBusy, ServerRestarted, ServerUnavailable, TimeoutException)
+#: Errors of requests that may end by themselves, and none: then the first copy may still come.
+_MAY_END: Final = (type(None), ServerBusy, ServerRestarted, ServerUnavailable, TimeoutException)
 
 
 class MirrorFeed:
@@ -160,7 +160,7 @@ class MirrorFeed:
             TimeoutException: The snapshot was not complete in time.
             LimitExceeded: A frame's history has no room in a reply of the server.
         """
-        self.wait(lambda: self.state.tree is not None or self._is_permanent(), timeout_s)
+        self.wait(lambda: bool(self.state.tree) or not isinstance(self._error, _MAY_END), timeout_s)
         if self.state.tree is not None:
             return
         if self._error is not None:
@@ -259,7 +259,9 @@ class MirrorFeed:
         with self._changed:
             if self._mirroring.followed not in ("", sender):
                 if not self._is_checking:  # it may be a new server, or anybody's
-                    self._is_checking = self._runner.run(self, self._check_server())
+                    self._is_checking = True  # the routine may end before `run` returns
+                    if not self._runner.run(self, self._check_server()):
+                        self._is_checking = False
                 return
             try:
                 self._mirroring.received(data, sender)
@@ -366,10 +368,6 @@ class MirrorFeed:
                 self._mirroring.failed(request.number, error)
                 self._proceed()
 
-    def _is_permanent(self) -> bool:
-        """Whether the error of the last request will come again."""
-        return self._error is not None and not isinstance(self._error, _MAY_PASS)
-
     # --- clocks
 
     def _compare_clocks(self) -> Steps[bool]:
@@ -390,11 +388,13 @@ class MirrorFeed:
     def _check_server(self) -> Steps[None]:
         """Follow the server that answers now, if it is another one."""
         instance = ""
-        with contextlib.suppress(TransformException):
-            instance = (yield AskStatus()).instance
-        yield Pause(_CHECK_PERIOD_S)
-        self._is_checking = False
-        with self._changed:
-            if instance and self._mirroring.followed not in ("", instance):
-                self._mirroring.restart()
-                self._proceed()
+        try:
+            with contextlib.suppress(TransformException):
+                instance = (yield AskStatus()).instance
+            yield Pause(_CHECK_PERIOD_S)
+        finally:  # after any other error, too: the next message checks again
+            with self._changed:
+                self._is_checking = False
+                if instance and self._mirroring.followed not in ("", instance):
+                    self._mirroring.restart()
+                    self._proceed()
