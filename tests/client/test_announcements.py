@@ -5,18 +5,21 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
+from tests.processes.tcp_proxy import TcpProxy
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import keys
 from zenoh_tf_client import Broadcaster, TransformClient
 from zenoh_tf_client.publish.announcer import Announcer
 from zenoh_tf_client.publish.publisher import message
+from zenoh_tf_client.session.server_info import ServerInfo
 
 DEADLINE_S = 30
 
@@ -136,6 +139,67 @@ def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) ->
         server = start()
         until_informed(urdf, server)
         wait_until(lambda: len(tf.frames()) == 6)
+
+
+class Servers(set[str | None]):
+    """The servers that an announcer sees, and whether one has gone, if only for a moment."""
+
+    has_lost_one = False
+
+    def discard(self, instance: object, /) -> None:
+        self.has_lost_one = True
+        super().discard(cast(Any, instance))
+
+
+@pytest.mark.parametrize("is_new", [False, True], ids=["may be lost", "not sent yet"])
+@pytest.mark.parametrize("sends_another", [False, True])
+def test_a_connection_that_breaks_while_statics_are_sent_again(
+    server: ServerProcess,
+    client: TransformClient,
+    monkeypatch: pytest.MonkeyPatch,
+    is_new: bool,
+    sends_another: bool,
+) -> None:
+    """The reply over the next connection proves nothing, and what another thread sends meanwhile
+    does not hide that the connection broke."""
+    swallowed: list[bytes] = []
+    with (
+        TcpProxy(server.endpoint) as proxy,
+        TransformClient.connect(proxy.endpoint, timeout_s=5.0, reads="query") as tf,
+        tf.broadcaster("urdf") as urdf,
+    ):
+        urdf.send_static(link("base", "camera", 1))
+        announcer = announcer_of(urdf)
+        wait_until(lambda: announcer._present and "camera" in client.frames())
+        send_again = announcer._send_again
+        announcer._present = servers = Servers(announcer._present)
+        # As if it had been sent over a connection that broke, or while there was none.
+        with announcer._lock:
+            announcer._statics["lidar"] = link("base", "lidar", 7)
+            (announcer._unsent if is_new else announcer._may_be_lost).add("lidar")
+
+            def is_back() -> bool:
+                with announcer._lock:
+                    announcer._read_reports()
+                    return servers.has_lost_one and bool(servers)
+
+            def lose(frames: list[str], server: ServerInfo, *, announce: bool) -> None:
+                if swallowed or "lidar" not in frames:
+                    send_again(frames, server, announce=announce)
+                    return
+                with monkeypatch.context() as patch:
+                    patch.setattr(announcer._publisher, "put", swallowed.append)
+                    send_again(frames, server, announce=announce)
+                proxy.reset()
+                wait_until(is_back, "the broken connection is not reported")
+                if sends_another:
+                    urdf.send_static(link("base", "radar", 2))
+
+            monkeypatch.setattr(announcer, "_send_again", lose)
+        wait_until(lambda: "lidar" in client.frames(), "it is lost")
+        assert len(swallowed) == 1
+        assert x_of(client, "lidar") == 7
+        wait_until(lambda: not announcer._unsent and not announcer._may_be_lost)
 
 
 def test_many_statics_and_small_limits(start_server: StartServer) -> None:

@@ -6,6 +6,10 @@ arrived: an operator may have corrected or removed one meanwhile. Transforms tha
 server was there go to the next one as they are. The others are marked as an announcement, which the
 server applies only where no call and nobody else has changed or removed the link.
 
+What is to be sent again is taken out of its set before it is sent, and put back unless a reply
+confirms that it has arrived. The reply proves that only if it came over the same connection: so it
+counts only if that server was not reported gone since.
+
 Thread safety: all methods.
 """
 
@@ -60,6 +64,7 @@ class Announcer:
         self._unsent: set[str] = set()  # child frames that were sent while no server was there
         self._sent_s: dict[str, float] = {}  # when each child frame was sent last
         self._may_be_lost: set[str] = set()  # child frames that a server may not have received
+        self._receiver: str | None = None  # what is informed now; None once it was reported gone
         self._informed = connection.known_instance  # has all that is not in _unsent
         self._present = {self._informed} - {None}  # the servers that are there
         self._may_be_new = False  # one of them
@@ -149,6 +154,8 @@ class Announcer:
                         self._may_be_new |= instance != self._informed
                     else:
                         self._present.discard(instance)
+                        if instance == self._receiver:
+                            self._receiver = None
                         since_s = time.monotonic() - _MAY_BE_LOST_S
                         recent = {name for name, at_s in self._sent_s.items() if at_s > since_s}
                         self._may_be_lost |= recent - self._unsent
@@ -169,25 +176,43 @@ class Announcer:
     def _send_to_server(self) -> bool:
         server = self._connection.hello()
         with self._lock:
-            unsent = list(self._unsent)
-            is_new = server.instance != self._informed
-            again = self._statics if is_new else self._may_be_lost
-            others = [name for name in again if name not in self._unsent]
-            if not unsent and not others:
-                self._informed = server.instance
-                return True
-        if not self._publisher.has_subscribers():
-            return False
-        self._send_again(unsent, server, announce=False)
-        self._send_again(others, server, announce=True)
-        # Its reply comes after it has received the puts, which were sent before.
-        if self._connection.hello().instance != server.instance:
-            return False
+            self._read_reports()
+            self._receiver = server.instance
+            unsent, self._unsent = self._unsent, set()
+            lost, self._may_be_lost = self._may_be_lost, set()
+            rows = {name: self._statics[name] for name in unsent}
+            again = set(self._statics if server.instance != self._informed else lost) - unsent
+        has_arrived = False
+        try:
+            has_arrived = self._put_again(unsent, again, server)
+        finally:
+            if not has_arrived:
+                self._put_back(rows, lost)
+        return has_arrived
+
+    def _put_again(self, unsent: set[str], again: set[str], server: ServerInfo) -> bool:
+        """Send statics, and return whether they have arrived."""
+        if unsent or again:
+            if not self._publisher.has_subscribers():
+                return False
+            self._send_again(list(unsent), server, announce=False)
+            self._send_again(list(again), server, announce=True)
+            # Its reply comes after it has received the puts, if it takes the same connection.
+            if self._connection.hello().instance != server.instance:
+                return False
         with self._lock:
+            self._read_reports()
+            if self._receiver != server.instance:
+                return False
             self._informed = server.instance
-            self._unsent.difference_update(unsent)
-            self._may_be_lost.difference_update(unsent, others)
         return True
+
+    def _put_back(self, unsent: dict[str, StampedTransform], lost: set[str]) -> None:
+        """Record that statics, and these rows as new ones, are still to be sent."""
+        with self._lock:
+            # A row that was replaced meanwhile went to a server, or counts as unsent already.
+            self._unsent |= {name for name, row in unsent.items() if self._statics[name] is row}
+            self._may_be_lost |= (lost | set(unsent)) - self._unsent
 
     def _send_again(self, frames: list[str], server: ServerInfo, *, announce: bool) -> None:
         rows = max(1, min(server.rows, _MESSAGE_ROWS))
@@ -200,6 +225,7 @@ class Announcer:
             payload = message([self._statics[name] for name in frames], announce=announce)
             if len(payload) <= limit:
                 self._publisher.put(payload)
+                self._sent_s.update(dict.fromkeys(frames, time.monotonic()))
                 return
         if len(frames) == 1:
             log.warning(
