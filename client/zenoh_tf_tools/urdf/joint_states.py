@@ -1,7 +1,8 @@
 """Publishes the moving links of a robot from its sensor_msgs/JointState messages.
 
 The messages come over the client's own Zenoh session: from the nodes and bridges that are on the
-network of the server. Each message becomes one put, which the server commits atomically.
+network of the server. Each message becomes one put, which the server commits atomically. Each node
+or bridge that sends some has an authority of its own, so that two that move one joint are seen.
 
 Thread safety: all methods.
 """
@@ -9,14 +10,16 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from zenoh_tf import TransformException, wire
 from zenoh_tf._net import keys
-from zenoh_tf.errors import ProtocolError
+from zenoh_tf.errors import AccessDenied, ProtocolError
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state
 from zenoh_tf.ros2.keys import JOINT_STATE
+from zenoh_tf.ros2.publishers import Publishers
 from zenoh_tf.ros2.topics import Received, TopicListener
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.publish.publisher import Publisher
@@ -25,6 +28,9 @@ from .kinematics import JointTransforms
 
 #: Larger messages are refused: no robot has as many joints.
 MAX_JOINTS: Final = 10_000
+#: Senders with an authority of their own; what further ones send goes out as the feed's own.
+_MAX_SENDERS: Final = 64
+_MAX_AUTHORITY: Final = 255
 
 
 @dataclass(slots=True)
@@ -37,6 +43,7 @@ class Counts:
     no_positions: int = 0
     no_stamp: int = 0  # stamp 0: the time of the message is not known
     not_sent: int = 0
+    disputed_joints: int = 0  # that two senders move by turns
 
 
 class JointStateFeed:
@@ -55,7 +62,8 @@ class JointStateFeed:
         Args:
             tf: The client whose session to use.
             joints: The joints of the robot, for this feed alone.
-            authority: The name to publish as.
+            authority: The name to publish as: AUTHORITY/SENDER for the messages of each sender, or
+                AUTHORITY alone if the access rules do not allow that.
             topic: The topic, with its namespace.
             domain: Accept only messages of this ROS 2 domain; None for all. Bridges to DDS send
                 no domain, so theirs are always accepted.
@@ -75,8 +83,15 @@ class JointStateFeed:
         self.other_topic = ""
         #: What was wrong with the last malformed message; "" if none was.
         self.last_error = ""
-        self._publisher = Publisher(connection, keys.put(connection.tree, authority, static=False))
+        #: Joints that two senders move by turns, with both of them.
+        self.disputed: dict[str, tuple[str, str]] = {}
+        #: Of each joint: who sent it last, and who did before.
+        self._senders: dict[str, tuple[str, str]] = {}
+        self._connection = connection
+        self._authority = authority
+        self._publishers: dict[str, Publisher] = {"": self._publisher(authority)}
         with connection.calls:
+            self._sources = Publishers(connection.session, JOINT_STATE, lambda *_: None)
             self._listener = TopicListener(
                 connection.session,
                 self.topic.rsplit("/", 1)[-1],
@@ -88,7 +103,10 @@ class JointStateFeed:
     def close(self) -> None:
         """Listen no more."""
         self._listener.close()
-        self._publisher.undeclare()
+        with self._connection.calls:
+            self._sources.close()
+        for publisher in self._publishers.values():
+            publisher.undeclare()
 
     def _receive(self, messages: list[Received]) -> None:
         with self._lock:
@@ -104,23 +122,52 @@ class JointStateFeed:
                     continue
                 self.counts.messages += 1
                 try:
-                    self._move(decode_joint_state(message.payload.to_bytes(), MAX_JOINTS))
+                    state = decode_joint_state(message.payload.to_bytes(), MAX_JOINTS)
+                    self._move(self._sources.source(message).authority, state)
                 except ProtocolError as error:
                     self._note(error)
                 except TransformException as error:  # too many joints, or the client is closed
                     self.counts.not_sent += 1
                     self.last_error = str(error)
 
-    def _move(self, state: JointState) -> None:
+    def _move(self, sender: str, state: JointState) -> None:
         if not len(state.position):
             self.counts.no_positions += 1
             return
         if state.stamp_ns == 0:
             self.counts.no_stamp += 1
             return
+        self._compare_senders(sender, state.name)
         rows = self._joints.move(state.name, state.position, state.stamp_ns)
         if len(rows):
-            self._publisher.put(wire.pack(wire.commit_body(wire.Commit(rows))))
+            self._publisher_of(sender).put(wire.pack(wire.commit_body(wire.Commit(rows))))
+
+    def _compare_senders(self, sender: str, joints: Sequence[str]) -> None:
+        """Record joints that another sender has moved since this one did."""
+        for joint in joints:
+            last, before = self._senders.get(joint, ("", ""))
+            if last != sender and self._joints.moves(joint):
+                self._senders[joint] = (sender, last)
+                if before == sender:  # so it is not a node that has replaced another one
+                    self.disputed.setdefault(joint, (last, sender))
+        self.counts.disputed_joints = len(self.disputed)
+
+    def _publisher_of(self, sender: str) -> Publisher:
+        found = self._publishers.get(sender)
+        if found is None:
+            authority = f"{self._authority}/{sender}"[:_MAX_AUTHORITY]
+            try:
+                self._connection.check_publish(authority)
+            except AccessDenied:
+                authority = self._authority
+            if authority == self._authority or len(self._publishers) > _MAX_SENDERS:
+                return self._publishers[""]
+            found = self._publishers[sender] = self._publisher(authority)
+        return found
+
+    def _publisher(self, authority: str) -> Publisher:
+        connection = self._connection
+        return Publisher(connection, keys.put(connection.tree, authority, static=False))
 
     def _report(self, key: str, error: ProtocolError) -> None:
         """Of a malformed key or attachment."""

@@ -108,6 +108,10 @@ class JointTransforms:
         """The joints that a position moves."""
         return self._joints
 
+    def moves(self, name: str) -> bool:
+        """True if a joint of this name is moved by a position."""
+        return name in self._moving
+
     def move(
         self, names: Sequence[str], positions: NDArray[np.float64], stamp_ns: int
     ) -> TransformRows:

@@ -1,7 +1,7 @@
 """ROS 2 in and out (``--ros2``, ``--ros2-publish``).
 
 `settings` has the flags, `incoming` adds messages to the put queues, with the prefixes of
-`ingest/prefixes.py` on their frames, `publishers` finds whose they
+`ingest/prefixes.py` on their frames, `zenoh_tf.ros2.publishers` finds whose they
 are, `histories` asks publishers for what they keep for late subscribers, `statics` merges what they
 have sent on `/tf_static`, and `outgoing` publishes.
 """

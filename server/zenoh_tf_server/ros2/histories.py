@@ -29,10 +29,10 @@ from zenoh_tf import threads
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2 import keys
 from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher
+from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, NODE
 from zenoh_tf.ros2.topics import Received, Reception
 
 from ..rate_limited_log import RateLimitedLog
-from .publishers import MAX_PUBLISHERS, NODE
 
 TOPIC: Final = "tf_static"
 _ANSWER_S: Final = 5.0

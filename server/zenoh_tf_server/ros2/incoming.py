@@ -19,6 +19,7 @@ from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.cdr import decode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE
+from zenoh_tf.ros2.publishers import Decode, Publishers, Source
 from zenoh_tf.ros2.topics import Received, TopicListener
 from zenoh_tf.text import quoted
 
@@ -29,7 +30,6 @@ from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
 from .histories import Histories
-from .publishers import Decode, Publishers, Source
 from .settings import Ros2Settings
 from .statics import Statics
 
@@ -57,7 +57,13 @@ class Incoming:
         self._histories = histories = Histories(
             session, self._statics.came_or_went, self._receive_history, self._report
         )
-        self._publishers = Publishers(session, histories.publisher_found, histories.publisher_gone)
+        self._publishers = Publishers(
+            session,
+            TF_MESSAGE,
+            self._log.warn,
+            histories.publisher_found,
+            histories.publisher_gone,
+        )
         self._listeners = [
             TopicListener(session, topic, TF_MESSAGE, receive, self._report)
             for topic, receive in (("tf", self._receive), ("tf_static", self._receive_static))

@@ -33,11 +33,11 @@ from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.attachment import Attachment
 from zenoh_tf.ros2.cdr import encode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE, Topic
+from zenoh_tf.ros2.publishers import AUTHORITIES, NODE, is_echo
 from zenoh_tf.threads import Periodic
 
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
-from .publishers import AUTHORITIES, NODE, is_echo
 from .settings import Ros2Settings
 
 _VOLATILE: Final = 2

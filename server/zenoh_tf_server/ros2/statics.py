@@ -21,12 +21,12 @@ from typing import Final
 
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
+from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, Source
 from zenoh_tf.threads import Periodic
 
 from ..ingest.put_queues import Put
 from ..rate_limited_log import RateLimitedLog
 from ..state.static_links import StaticLinks
-from .publishers import MAX_PUBLISHERS, Source
 
 #: How often publishers whose grace has ended are forgotten.
 _PERIOD_S: Final = 0.25

@@ -122,7 +122,10 @@ def _follow(args: argparse.Namespace, tf: TransformClient, robot: Robot, frame: 
         feed.close()
         counts = _counts(feed, joints)
         if args.json:
-            output.print_json(_document(robot, frame, stored=True) | {"counts": counts})
+            disputed = {joint: list(senders) for joint, senders in feed.disputed.items()}
+            output.print_json(
+                _document(robot, frame, stored=True) | {"counts": counts, "disputed": disputed}
+            )
         else:
             print(", ".join(f"{name} {count:,}" for name, count in counts.items() if count))
         sys.stdout.flush()
@@ -158,6 +161,14 @@ def _problems(
         yield (
             "silence",
             f"no message on {feed.topic} so far: is the robot on the server's Zenoh network?",
+        )
+    if disputed := dict(feed.disputed):
+        joint, (one, other) = next(iter(disputed.items()))
+        more = f" and {len(disputed) - 1:,} more" if len(disputed) > 1 else ""
+        yield (
+            "disputed_joints",
+            f"two nodes send joint {quoted(joint)}{more}: {one} and {other}; the robot jumps "
+            "between their positions until one of them ends or sends other joints",
         )
     for kind, text in (
         ("malformed", f"malformed messages are dropped: {feed.last_error}"),

@@ -8,7 +8,6 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import logging
 import re
 import threading
 import time
@@ -18,14 +17,12 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf._core import TransformRows
-from zenoh_tf.bounded_map import BoundedMap
-from zenoh_tf.ros2 import attachment, keys
-from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher, Topic
-from zenoh_tf.ros2.topics import Received
-from zenoh_tf.text import quoted
-
-from ..rate_limited_log import RateLimitedLog
+from .._core import TransformRows
+from ..bounded_map import BoundedMap
+from ..text import quoted
+from . import attachment, keys
+from .keys import MessageType, Publisher, Topic
+from .topics import Received
 
 #: What the authorities of ROS 2 publishers begin with.
 AUTHORITIES: Final = ("ros2:", "ros2dds:")
@@ -36,8 +33,8 @@ NODE: Final = "zenoh_tf"
 _PUBLISHED_BY_A_SERVER: Final = re.compile(rf":ros2:\d+/{NODE}(@|$)")
 #: Sources that are remembered.
 _MAX_SOURCES: Final = 4096
-#: Most publishers that are remembered. Transforms of others are named by their topic, and static
-#: ones that they sent before are not asked for.
+#: Most publishers that are remembered. Messages of others are named by their topic, and static
+#: transforms that they sent before are not asked for.
 MAX_PUBLISHERS: Final = 4096
 _LONGEST_AUTHORITY: Final = 255
 #: A publisher's first message may overtake its token, whose change another thread reports. So it is
@@ -76,16 +73,27 @@ def is_echo(authority: str) -> bool:
 
 
 class Publishers:
-    """Follows the tokens of all publishers of transforms."""
+    """Follows the tokens of all publishers of a type."""
 
     def __init__(
         self,
         session: zenoh.Session,
-        found: Callable[[Publisher], None],
-        gone: Callable[[Publisher], None],
+        kind: MessageType,
+        warn: Callable[[str, str], None],
+        found: Callable[[Publisher], None] = lambda _: None,
+        gone: Callable[[Publisher], None] = lambda _: None,
     ) -> None:
-        """`found` and `gone` get each publisher that appears or goes. Returns when those that are
-        there now are known."""
+        """Begin to follow, and return when those that are there now are known.
+
+        Args:
+            session: A client's or a router's session.
+            kind: The type of the messages.
+            warn: Gets a subject and what is wrong with it.
+            found: Gets each publisher that appears.
+            gone: Gets each one that goes.
+        """
+        self._kind = kind
+        self._warn = warn
         self._found = found
         self._gone = gone
         self._lock = threading.Condition()
@@ -95,9 +103,8 @@ class Publishers:
         self._by_gid: dict[bytes, Publisher] = {}
         self._sources = BoundedMap[tuple[str, bytes | None, str | None], Source](_MAX_SOURCES)
         self._subscribers: list[zenoh.Subscriber[Any]] = []
-        self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._own_zid = str(session.info.zid())
-        for tokens in keys.publishers(TF_MESSAGE):
+        for tokens in keys.publishers(kind):
             subscriber = session.liveliness().declare_subscriber(
                 tokens, self._token_changed, history=True
             )
@@ -125,7 +132,7 @@ class Publishers:
         token = str(sample.key_expr)
         publisher = keys.parse_publisher(token)
         if publisher is None:
-            self._log.warn("tokens", f"token {quoted(token)} is not one of ROS 2: it is ignored")
+            self._warn("tokens", f"token {quoted(token)} is not one of ROS 2: it is ignored")
             return
         if publisher.zid == self._own_zid:
             return  # this server, which publishes
@@ -140,7 +147,7 @@ class Publishers:
             elif token in self._by_token:
                 return
             elif len(self._by_token) >= MAX_PUBLISHERS:
-                self._log.warn(
+                self._warn(
                     "tokens",
                     f"more than {MAX_PUBLISHERS} publishers of ROS 2: the messages of the others "
                     "are named by their topics",
@@ -162,7 +169,7 @@ class Publishers:
             publisher = self._publisher(message)
             authority = self._authority(message, publisher)
             zid = publisher.zid if publisher is not None else message.zid
-            is_copy = not message.key.endswith(TF_MESSAGE.hash) and self._is_server(zid)
+            is_copy = not message.key.endswith(self._kind.hash) and self._is_server(zid)
             source = Source(authority, message.key, zid, message.gid, message.topic, is_copy)
             # Kept although a token may come later: a publisher must not change its name.
             self._sources[message.key, message.gid, message.zid] = source
