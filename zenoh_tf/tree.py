@@ -16,7 +16,7 @@ from zenoh_tf.points import Sweep, deskew
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from os import PathLike
 
     import numpy as np
@@ -71,7 +71,8 @@ class TransformTree(TreeEstimates):
         cls,
         path: str | PathLike[str],
         *,
-        topics: Collection[str] | None = None,
+        topics: str | Collection[str] | None = None,
+        prefixes: Mapping[str, str] | None = None,
         max_memory_bytes: int | None = None,
         until_ns: int | None = None,
     ) -> TransformTree:
@@ -84,7 +85,12 @@ class TransformTree(TreeEstimates):
 
         Args:
             path: The file, or the folder of `ros2 bag record`.
-            topics: Names of topics to read; None for all that have transforms.
+            topics: Names of topics to read, or one name, with or without a slash at the begin; None
+                for all that have transforms. Topics with one pose (TransformStamped, PoseStamped,
+                PoseWithCovarianceStamped, Odometry) are read only if they are named.
+            prefixes: By topic, what comes before the names of its frames, with a slash between
+                them: `{"/tf_gt": "truth"}` makes `base` of `/tf_gt` to `truth/base`. That of a
+                topic `tf` holds for `tf_static` of its namespace as well.
             max_memory_bytes: Most bytes of all samples together; None for 4 GiB, 0 for no limit.
             until_ns: Leave out what was recorded later, in nanoseconds. The tree then knows what a
                 live one knew at that time, which is "now" for `estimate_transform`. None for all.
@@ -93,9 +99,12 @@ class TransformTree(TreeEstimates):
             A tree that never drops a sample for its age. Stamps are as recorded, in nanoseconds.
 
         Raises:
-            RecordingError: The recording cannot be read, has no transforms, or a library is
-                missing. With `until_ns` also if its times are of another clock than its stamps.
+            RecordingError: The recording cannot be read, has no transforms, has a link on two
+                topics (choose by `topics` or `prefixes`), or a library is missing. With `until_ns`
+                also if its times are of another clock than its stamps.
             LimitExceeded: The recording needs more memory; `field` is "max_memory".
+            InvalidArgumentException: A name of a topic or a prefix is empty; `field` is "topics" or
+                "prefixes".
 
         Example:
             `TransformTree.from_recording("run.mcap").sample("map", "base", stamps_ns)`
@@ -104,7 +113,7 @@ class TransformTree(TreeEstimates):
 
         limit = recordings.MAX_MEMORY_BYTES if max_memory_bytes is None else max_memory_bytes
         tree = cls(**recordings.OPTIONS, max_memory_bytes=limit)
-        with recordings.open_recording(path, topics) as recording:
+        with recordings.open_recording(path, topics, prefixes) as recording:
             recordings.load(recording, tree, until_ns=until_ns)
             for warning in recording.warnings():
                 logging.getLogger("zenoh_tf.recordings").warning("%s: %s", path, warning)

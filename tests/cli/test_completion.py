@@ -83,7 +83,8 @@ def test_commands_and_options_in_bash(bash: Bash) -> None:
 @needs_bash
 def test_frames_in_bash(robot: TransformClient, bash: Bash) -> None:
     frames = ["base_link", "camera", "gripper", "map", "odom"]
-    assert bash.completes("lookup", "") == frames
+    assert bash.completes("latest", "") == frames
+    assert {*frames, "pyproject.toml"} <= {*bash.completes("lookup", "")}  # or a recording
     assert bash.completes("lookup", "map", "g") == ["gripper"]
     assert bash.completes("frame", "ca") == ["camera"]
     assert bash.completes("velocity", "base_link", "map", "--reference", "od") == ["odom"]
@@ -108,10 +109,10 @@ def test_no_frames_without_a_server(bash: Bash) -> None:
     """Neither names nor an error: also if something listens that does not answer."""
     bash.patience(0.5)
     nobody = {environment.ENDPOINT_VARIABLE: "tcp/127.0.0.1:9"}
-    assert bash.completes("lookup", "", **nobody) == []
+    assert bash.completes("latest", "", **nobody) == []
     with socket.create_server(("127.0.0.1", 0)) as mute:
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
-        assert bash.completes("lookup", "", **{environment.ENDPOINT_VARIABLE: endpoint}) == []
+        assert bash.completes("latest", "", **{environment.ENDPOINT_VARIABLE: endpoint}) == []
 
 
 def test_whatever_the_line_is(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -35,6 +36,10 @@ RUN: Log = [
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     write(tmp_path / "log", RUN).rename(tmp_path / "run.mcap")
+    for name, topics in (("drive", ("/tf", "/tf_gt")), ("fleet", ("/robot1/tf", "/robot2/tf"))):
+        log = [(1.0, topic, [("odom", "base_link", 1.0, 0.0)]) for topic in topics]
+        write(tmp_path / "several", log).rename(tmp_path / f"{name}.mcap")
+        shutil.rmtree(tmp_path / "several")
     (tmp_path / "crashed.mcap").write_bytes((tmp_path / "run.mcap").read_bytes()[:-50])
     return tmp_path
 

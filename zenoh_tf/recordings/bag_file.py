@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .container import RawMessage, channel
+from .container import Choose, RawMessage
 from .errors import missing_library
 
 
@@ -15,7 +15,7 @@ class BagFile:
 
     is_cut_off = False
 
-    def __init__(self, path: Path, *, ros1: bool) -> None:
+    def __init__(self, path: Path, choose: Choose, *, ros1: bool) -> None:
         """Open it. Raises RecordingError if rosbags is missing, and what rosbags raises."""
         try:
             from rosbags.rosbag1 import Reader as Reader1  # noqa: PLC0415 - an extra
@@ -28,7 +28,7 @@ class BagFile:
         self._channels = {
             connection.id: found
             for connection in self._reader.connections
-            if (found := channel(connection.topic, connection.msgtype, encoding))
+            if (found := choose(connection.topic, connection.msgtype, encoding))
         }
         self._connections = [c for c in self._reader.connections if c.id in self._channels]
         self.message_count = sum(c.msgcount for c in self._connections)

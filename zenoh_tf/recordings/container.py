@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-from .decoders import Decode, decoder
-
-#: The last part of a topic whose transforms hold at all times.
-_STATIC_TOPIC: Final = "tf_static"
+from .decoders import Decode
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A topic with transforms, and how its messages are decoded."""
+    """A topic that is read, and how its messages are decoded."""
 
     topic: str
     decode: Decode
-
     static: bool  # its links hold at all times
+    source: str  # equal of topics that describe one tree, as /tf and /tf_static do
+    prefix: str  # of its frames; "" for none
 
 
-def channel(topic: str, message_type: str, encoding: str) -> Channel | None:
-    """A channel with messages of a type in an encoding; None if it has no transforms."""
-    decode = decoder(message_type, encoding)
-    if decode is None:
-        return None
-    return Channel(topic, decode, topic.rsplit("/", 1)[-1] == _STATIC_TOPIC)
+#: The channel of a topic by its name, type of messages, and encoding; None if it is not read.
+Choose = Callable[[str, str, str], Channel | None]
 
 
 class RawMessage(NamedTuple):
@@ -43,7 +37,7 @@ class Container(Protocol):
 
     @property
     def message_count(self) -> int | None:
-        """How many messages with transforms there are; None if only reading shows it."""
+        """How many messages are read; None if only reading shows it."""
 
     @property
     def is_empty(self) -> bool:

@@ -10,6 +10,7 @@ import importlib
 import json
 import struct
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 from .._core import TransformRows, decode_tf_messages
@@ -38,14 +39,15 @@ READABLE: Final = "tf2_msgs/msg/TFMessage, foxglove.FrameTransforms or foxglove.
 _IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
 
 
+@cache
 def decoder(message_type: str, encoding: str) -> Decode | None:
     """The decoder for a type or schema of messages in an encoding, which is "cdr", "ros1",
     "protobuf" or "json"; None if it has no transforms."""
     kinds: dict[str, Decode] = {}
     if message_type in _TF_MESSAGES:
-        kinds = {"cdr": _cdr, "ros1": _each(_ros1)}
+        kinds = {"cdr": _cdr, "ros1": each(_ros1)}
     elif message_type in _FRAME_TRANSFORMS:
-        kinds = {"protobuf": _each(_protobuf(message_type)), "json": _each(_json)}
+        kinds = {"protobuf": each(_protobuf(message_type)), "json": each(_json)}
     return kinds.get(encoding)
 
 
@@ -66,10 +68,10 @@ def _cdr_count(data: bytes) -> int:
 
 _MAX_STAMP: Final = 1 << 63
 #: (parent, child, stamp in ns, pose of seven numbers)
-_Row = tuple[str, str, int, tuple[float, ...]]
+Row = tuple[str, str, int, tuple[float, ...]]
 
 
-def _each(decode: Callable[[bytes], list[_Row]]) -> Decode:
+def each(decode: Callable[[bytes], list[Row]]) -> Decode:
     """A decoder from one that decodes a message, and may raise any exception."""
 
     def decode_all(messages: list[bytes]) -> Decoded:
@@ -99,7 +101,7 @@ _LENGTH: Final = struct.Struct("<I")
 _POSE: Final = struct.Struct("<7d")
 
 
-def _ros1(data: bytes) -> list[_Row]:
+def _ros1(data: bytes) -> list[Row]:
     """A tf2_msgs/TFMessage as ROS 1 serializes it: as CDR, but packed and with `seq`."""
     (count,) = _LENGTH.unpack_from(data)
     at = _LENGTH.size
@@ -122,11 +124,11 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     return data[at + _LENGTH.size : end].decode(), end
 
 
-def _protobuf(message_type: str) -> Callable[[bytes], list[_Row]]:
+def _protobuf(message_type: str) -> Callable[[bytes], list[Row]]:
     """A decoder of a foxglove.FrameTransforms, or of a single FrameTransform, in protobuf."""
     name = message_type.rpartition(".")[2]
 
-    def decode(data: bytes) -> list[_Row]:
+    def decode(data: bytes) -> list[Row]:
         schema = importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2")  # an extra
         message = getattr(schema, name).FromString(data)
         return [_protobuf_row(row) for row in getattr(message, "transforms", [message])]
@@ -134,7 +136,7 @@ def _protobuf(message_type: str) -> Callable[[bytes], list[_Row]]:
     return decode
 
 
-def _protobuf_row(row: Any) -> _Row:
+def _protobuf_row(row: Any) -> Row:
     at, turn = row.translation, row.rotation
     # A message that is left out is all zeros, which is no rotation.
     rotation = (turn.x, turn.y, turn.z, turn.w) if row.HasField("rotation") else _IDENTITY
@@ -146,13 +148,13 @@ def _protobuf_row(row: Any) -> _Row:
     )
 
 
-def _json(data: bytes) -> list[_Row]:
+def _json(data: bytes) -> list[Row]:
     """A foxglove.FrameTransforms, or a single FrameTransform, in JSON."""
     message = json.loads(data)
     return [_json_row(row) for row in message.get("transforms", [message])]
 
 
-def _json_row(row: dict[str, Any]) -> _Row:
+def _json_row(row: dict[str, Any]) -> Row:
     time, at, turn = row["timestamp"], row.get("translation"), row.get("rotation")
     translation = tuple(float(at[axis]) for axis in "xyz") if at else (0.0, 0.0, 0.0)
     rotation = tuple(float(turn[axis]) for axis in "xyzw") if turn else _IDENTITY

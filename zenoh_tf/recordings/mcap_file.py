@@ -16,7 +16,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
-from .container import Channel, RawMessage, channel
+from .container import Channel, Choose, RawMessage
 from .errors import missing_library
 
 #: Larger records count as damage: a recorder closes a chunk after some MB.
@@ -37,7 +37,7 @@ _log_time = attrgetter("log_ns")
 class McapFile:
     """A file, opened for reading. A `Container`."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, choose: Choose) -> None:
         """Open it. Raises RecordingError if the library is missing, and what the library raises if
         it is no MCAP file."""
         try:
@@ -47,8 +47,9 @@ class McapFile:
             raise missing_library(error) from error
         self._stream = path.open("rb")
         self._size = path.stat().st_size
+        self._choose = choose
         self._schemas: dict[int, str] = {}
-        self._channels: dict[int, Channel | None] = {}  # None: without transforms
+        self._channels: dict[int, Channel | None] = {}  # None: not read
         self._chunks: list[Any] | None = None  # the index; None: there is none
         self.message_count: int | None = None
         self.is_cut_off = False
@@ -158,7 +159,7 @@ class McapFile:
     # --- both
 
     def _add_channel(self, record: Any) -> None:
-        self._channels[record.id] = channel(
+        self._channels[record.id] = self._choose(
             record.topic, self._schemas.get(record.schema_id, ""), record.message_encoding
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
@@ -16,10 +16,11 @@ from ..errors import LimitExceeded
 from ..text import quoted
 from ..text.times import seconds
 from .bag_file import BagFile
-from .container import Channel, Container, RawMessage
-from .decoders import READABLE, Decoded
+from .container import Channel, Choose, Container, RawMessage
+from .decoders import Decoded
 from .errors import RecordingError, reason
 from .mcap_file import McapFile
+from .topics import LinkTopics, Topics, prefixed
 
 #: The first bytes of a file say what it is; its name may not.
 _MCAP: Final = b"\x89MCAP"
@@ -63,12 +64,14 @@ class Recording:
     Thread safety: none.
     """
 
-    def __init__(self, path: Path, containers: list[Container], topics: Collection[str] | None):
+    def __init__(self, path: Path, containers: list[Container], topics: Topics, *, mixed: bool):
         """Use `open_recording` instead."""
         self._path = path
         self._containers = containers
-        self._chosen = None if topics is None else frozenset(topics)
-        #: The topics that had transforms so far, without those that were not chosen.
+        self._chosen = topics
+        self._mixed = mixed
+        self._links = LinkTopics(path, topics)
+        #: The topics that were read so far and had messages.
         self.topics: set[str] = set()
         #: Messages that could not be decoded so far, and why the first one could not.
         self.malformed = 0
@@ -85,8 +88,8 @@ class Recording:
 
     @property
     def message_count(self) -> int | None:
-        """How many messages with transforms there are on all topics; None if only reading
-        shows it."""
+        """How many messages there are on the topics that are read; None if only reading shows
+        it."""
         counts = [container.message_count for container in self._containers]
         return None if None in counts else sum(count or 0 for count in counts)
 
@@ -99,10 +102,10 @@ class Recording:
         """Yield the messages. May be called again, for another pass.
 
         Raises:
-            RecordingError: The file is damaged, or has no transforms.
+            RecordingError: The file is damaged, has no transforms, or has a link on two topics.
         """
         for raw in self._chosen_raw():
-            found = self._decode(raw.channel, [raw.data])
+            found = self._decode([raw])
             if found is not None:
                 yield Message(raw.log_ns, raw.channel.topic, raw.channel.static, found.rows)
 
@@ -152,7 +155,8 @@ class Recording:
                 Needs `keep`.
 
         Raises:
-            RecordingError: The file is damaged, or has no transforms by then.
+            RecordingError: The file is damaged, has no transforms by then, or has a link on two
+                topics.
         """
         if self._kept is None:
             yield from self._read_blocks(until_ns)
@@ -187,17 +191,23 @@ class Recording:
                 or raw.channel.static != channel.static
                 or raw.channel.decode != channel.decode
             ):
-                yield from self._block(channel, waiting)
+                yield from self._block(waiting)
                 waiting, size = [], 0
             channel = raw.channel
             waiting.append(raw)
             size += len(raw.data)
         if channel is not None:
-            yield from self._block(channel, waiting)
+            yield from self._block(waiting)
 
     def check(self) -> None:
         """Read up to the first message. Raises RecordingError if there is none."""
         next(self._chosen_raw(), None)
+
+    def check_links(self) -> None:
+        """Read all of it if links may be on two topics. Raises RecordingError if one is."""
+        if len(self._chosen.sources) > 1 or self.message_count is None:
+            for _ in self.blocks():
+                pass
 
     def warnings(self) -> list[str]:
         """What a user should know of the messages that were read, in sentences."""
@@ -210,40 +220,46 @@ class Recording:
             )
         if self.skipped:
             found.append(f"{self.skipped:,} transforms skipped, which are not valid")
+        if missing := self._chosen.missing():
+            found.append(
+                f"no such topic with transforms or poses: {', '.join(map(quoted, missing))}"
+            )
         return found
 
-    def _block(self, channel: Channel, messages: list[RawMessage]) -> Iterator[Block]:
-        found = self._decode(channel, [raw.data for raw in messages])
+    def _block(self, messages: list[RawMessage]) -> Iterator[Block]:
+        found = self._decode(messages)
         if found is not None:
             # A damaged file may have times of 64 bits without a sign.
             log_ns = np.array([min(raw.log_ns, _LATEST_NS) for raw in messages], np.int64)
             by_row = np.repeat(log_ns, found.counts)
-            yield Block(found.rows, channel.static, len(messages), by_row)
+            yield Block(found.rows, messages[0].channel.static, len(messages), by_row)
 
-    def _decode(self, channel: Channel, messages: list[bytes]) -> Decoded | None:
-        """The rows of messages, without those that are malformed; None if all are."""
-        found = channel.decode(messages)
+    def _decode(self, messages: Sequence[RawMessage]) -> Decoded | None:
+        """The rows of messages of one kind, without those that are malformed; None if all are."""
+        channel = messages[0].channel
+        found = channel.decode([raw.data for raw in messages])
         if found.malformed:
             self.first_fault = self.first_fault or f"{channel.topic}: {found.first_fault}"
             self.malformed += found.malformed
-        return None if found.malformed == len(messages) else found
+        if found.malformed == len(messages):
+            return None
+        channels = [raw.channel for raw in messages]
+        rows = prefixed(found.rows, channels, found.counts)
+        if not self._mixed:
+            self._links.check(rows, channels, found.counts)
+        return found._replace(rows=rows)
 
     def _chosen_raw(self) -> Iterator[RawMessage]:
-        """Yield the messages of the chosen topics, and restart the counters."""
+        """Yield the messages, and restart the counters."""
         self.topics.clear()
         self.malformed = self.skipped = 0
         self.first_fault = ""
         self.range_ns = self.last_log_ns = None
-        others: set[str] = set()
         for raw in self._raw():
-            topic = raw.channel.topic
-            if self._chosen is not None and topic not in self._chosen:
-                others.add(topic)
-                continue
-            self.topics.add(topic)
+            self.topics.add(raw.channel.topic)
             yield raw
         if not self.topics:
-            raise RecordingError(f"{self._path}: {self._nothing(others)}")
+            raise RecordingError(f"{self._path}: {self._nothing()}")
 
     def _raw(self) -> Iterator[RawMessage]:
         for container in self._containers:
@@ -263,14 +279,11 @@ class Recording:
             f"{seconds(begin_ns)} s"
         )
 
-    def _nothing(self, others: set[str]) -> str:
-        if others:
-            found = ", ".join(map(quoted, sorted(others)))
-            return f"none of the chosen topics has transforms; these have: {found}"
+    def _nothing(self) -> str:
         if all(container.is_empty for container in self._containers):
             return "the recording is empty: it has no messages"
         end = "; the file lacks its end" if self.is_cut_off else ""
-        return f"no message of type {READABLE}{end}"
+        return self._chosen.nothing() + end
 
 
 def _first_after(log_ns: NDArray[np.int64], time_ns: int) -> int:
@@ -281,30 +294,43 @@ def _first_after(log_ns: NDArray[np.int64], time_ns: int) -> int:
 
 @contextmanager
 def open_recording(
-    path: str | PathLike[str], topics: Collection[str] | None = None
+    path: str | PathLike[str],
+    topics: str | Collection[str] | None = None,
+    prefixes: Mapping[str, str] | None = None,
+    *,
+    mixed: bool = False,
 ) -> Iterator[Recording]:
     """Open a recording: an MCAP, db3 or bag file, or a folder of ``ros2 bag record``.
 
     Args:
         path: The file or folder.
-        topics: Names of topics to read; None for all that have transforms.
+        topics: Names of topics to read, or one name, with or without a slash at the begin; None for
+            all that have transforms. Topics with one pose (TransformStamped, PoseStamped,
+            PoseWithCovarianceStamped, Odometry) are read only if they are named.
+        prefixes: By topic, what comes before the names of its frames, and a slash between them;
+            that of a topic ``tf`` holds for ``tf_static`` of its namespace as well.
+        mixed: Also read a link that is on two topics, instead of raising an error.
 
     Returns:
         A context manager of the `Recording`, which is closed at the end.
 
     Raises:
-        RecordingError: It cannot be read, has no transforms, or a library is missing.
+        RecordingError: It cannot be read, has no transforms, or a library is missing. A link that
+            is on two topics raises it as soon as it is read.
+        InvalidArgumentException: A name of a topic or a prefix is empty; `field` is "topics" or
+            "prefixes".
     """
     path = Path(path)
+    chosen = Topics(topics, prefixes)
     containers: list[Container] = []
     try:
         try:
-            _open_all(path, containers)
+            _open_all(path, containers, chosen.channel)
         except RecordingError:
             raise
         except Exception as error:  # libraries raise any on damaged files
             raise RecordingError(f"{path}: not a readable recording: {reason(error)}") from error
-        recording = Recording(path, containers, topics)
+        recording = Recording(path, containers, chosen, mixed=mixed)
         recording.check()
         yield recording
     finally:
@@ -312,7 +338,7 @@ def open_recording(
             container.close()
 
 
-def _open_all(path: Path, containers: list[Container]) -> None:
+def _open_all(path: Path, containers: list[Container], choose: Choose) -> None:
     """Append the open containers of a path, in the order of their recording."""
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
@@ -320,20 +346,20 @@ def _open_all(path: Path, containers: list[Container]) -> None:
         # A folder whose recorder was killed has no metadata.yaml, but its MCAP files are readable.
         parts = sorted(path.glob("*.mcap"), key=_number_at_end)
         if not parts:
-            containers.append(BagFile(path, ros1=False))
+            containers.append(BagFile(path, choose, ros1=False))
         for part in parts:
-            containers.append(McapFile(part))
+            containers.append(McapFile(part, choose))
         return
     with path.open("rb") as file:
         begin = file.read(len(_SQLITE))
     if not begin:
         raise RecordingError(f"{path}: the file is empty")
     if begin.startswith(_MCAP):
-        containers.append(McapFile(path))
+        containers.append(McapFile(path, choose))
     elif begin.startswith(_ROS1_BAG):
-        containers.append(BagFile(path, ros1=True))
+        containers.append(BagFile(path, choose, ros1=True))
     elif begin == _SQLITE:
-        containers.append(BagFile(path, ros1=False))
+        containers.append(BagFile(path, choose, ros1=False))
     else:
         raise RecordingError(f"{path}: not a recording: neither MCAP, db3 nor a ROS 1 bag")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from zenoh_tf.text.flag_values import whole
@@ -107,15 +106,3 @@ def add_listen(parser: argparse.ArgumentParser, port: int, note: str) -> None:
         default=port,
         help=f"port to listen on (default {port}; {note})",
     )
-
-
-def add_optional_file(parser: argparse.ArgumentParser) -> None:
-    """Add the recording of a command that otherwise asks a server."""
-    parser.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        type=Path,
-        help="a recording (MCAP, db3, ROS 1 bag) in place of a server",
-    )
-    parser.set_defaults(topics=None)

@@ -29,15 +29,29 @@ _zenoh_tf_frames() {
   while IFS= read -r name; do
     [[ $name == "$1"* ]] && printf '%s\\n' "$name"
   done < <("${COMP_WORDS[0]}" completion frames --line "$COMP_LINE" 2>/dev/null)
+}
+_zenoh_tf_file_or_frame() {
+  _zenoh_tf_frames "$1"
+  compgen -f -- "$1"
 }"""
 _ZSH: Final = """\
 _zenoh_tf_frames() {
   compadd -- ${(f)"$(_call_program frames zenoh-tf completion frames --line ${(qq)BUFFER})"}
+}
+_zenoh_tf_file_or_frame() {
+  _zenoh_tf_frames
+  _files
 }"""
 _COMPLETE: Final = {
     "bash": "_zenoh_tf_frames",
     "zsh": "_zenoh_tf_frames",
     "tcsh": "`zenoh-tf completion frames`",
+}
+#: Of an argument that is a recording if it is given, and else the first frame.
+_COMPLETE_FILE: Final = {
+    "bash": "_zenoh_tf_file_or_frame",
+    "zsh": "_zenoh_tf_file_or_frame",
+    "tcsh": "f",
 }
 
 
@@ -55,6 +69,8 @@ def add(commands: Commands, whole: Callable[[], argparse.ArgumentParser]) -> Non
             names = action.metavar if isinstance(action.metavar, tuple) else (action.metavar,)
             if _FRAMES.intersection(names):
                 action.complete = _COMPLETE  # type: ignore[attr-defined]
+            elif action.metavar == "FILE" and action.nargs == "?":
+                action.complete = _COMPLETE_FILE  # type: ignore[attr-defined]
         preamble: Any = {"bash": _BASH, "zsh": _ZSH}  # its type says text
         print(shtab.complete(parser, args.shell, preamble=preamble))
         return 0

@@ -32,6 +32,10 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
     Raises what ``TransformClient.connect`` raises. An error about a frame that does not exist gets
     a note with the names that may be meant.
     """
+    if getattr(args, "file", None) is None and (
+        getattr(args, "topics", None) or getattr(args, "prefixes", None)
+    ):
+        args.usage_error("--topic and --prefix choose from a recording: give its FILE")
     credentials = environment.client_credentials(
         **{name: getattr(args, name) for name, *_ in _CREDENTIALS}
     )

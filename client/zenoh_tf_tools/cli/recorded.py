@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -31,14 +31,53 @@ def add_file(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", metavar="FILE", type=Path, help="MCAP, db3 or bag file, or a ROS 2 folder"
     )
+    _add_topics(parser)
+
+
+def add_optional_file(parser: argparse.ArgumentParser) -> None:
+    """Add the recording of a command that otherwise asks a server."""
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        type=Path,
+        help="a recording (MCAP, db3, ROS 1 bag) in place of a server",
+    )
+    _add_topics(parser)
+
+
+def _add_topics(parser: argparse.ArgumentParser) -> None:
+    """Add what to read of a recording."""
     parser.add_argument(
         "--topic",
         metavar="NAME",
         dest="topics",
         action="append",
-        help="read only this topic, such as /robot1/tf; may be given several times (default: all "
-        "topics with transforms)",
+        help="read only this topic of FILE, such as /robot1/tf, or /odom with its poses; may be "
+        "given several times (default: all topics with transforms)",
     )
+    parser.add_argument(
+        "--prefix",
+        metavar="TOPIC=NAME",
+        dest="prefixes",
+        type=_prefix,
+        action="append",
+        default=[],
+        help="read the frames of this topic of FILE as NAME/frame, such as /tf_gt=truth; may be "
+        "given several times (that of /robot1/tf is also that of /robot1/tf_static)",
+    )
+
+
+def _prefix(text: str) -> tuple[str, str]:
+    topic, _, name = text.rpartition("=")
+    if not topic.strip("/") or not name.strip("/"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not TOPIC=NAME, such as /tf_gt=truth")
+    return topic, name
+
+
+def opened(args: argparse.Namespace, *, mixed: bool = False) -> AbstractContextManager[Recording]:
+    """The recording that the arguments name, open; `mixed`: as of `open_recording`."""
+    return open_recording(args.file, args.topics, dict(args.prefixes), mixed=mixed)
 
 
 def add_range(parser: argparse.ArgumentParser, help_: str) -> None:
@@ -73,7 +112,7 @@ def loaded(
     `advice`: what to do about a recording that is too large, for the error.
     """
     tree = TransformTree(**OPTIONS, max_memory_bytes=max_memory_bytes)
-    with open_recording(args.file, args.topics) as recording:
+    with opened(args) as recording:
         with Progress(recording.message_count, "messages") as progress:
             try:
                 load(recording, tree, progress.to)
@@ -87,7 +126,7 @@ def loaded(
 def kept(args: argparse.Namespace) -> Iterator[tuple[Recording, tuple[int, int] | None]]:
     """The recording, read into memory under a progress bar, and its first and last stamp. Trees of
     what was known at some time need no further pass."""
-    with open_recording(args.file, args.topics) as recording:
+    with opened(args) as recording:
         try:
             with Progress(recording.message_count, "messages") as progress:
                 range_ns = recording.keep(MAX_MEMORY_BYTES, progress.to)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from zenoh_tf import ServerUnavailable, StampedTransform, Transform, TransformTree
 from zenoh_tf._core import TransformRows
-from zenoh_tf.recordings import Recording, load, open_recording
+from zenoh_tf.recordings import Recording, load
 from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf.text.flag_values import number
 from zenoh_tf.text.time_flags import RECORDED_TIMES
@@ -72,7 +72,8 @@ def _replay(args: argparse.Namespace) -> int:
     playback = _playback(args)
     start = time.monotonic()
     # The recording is opened first: a wrong file is reported without a connection.
-    with open_recording(args.file, args.topics) as recording:
+    with recorded.opened(args) as recording:
+        recording.check_links()  # before anything is published
         _choose_part(args, recording, playback)
         with connect(args) as tf:
             on_lost = functools.partial(_report_lost, args) if args.loop else None

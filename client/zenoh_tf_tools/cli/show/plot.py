@@ -9,12 +9,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
 from zenoh_tf.text.time_flags import RECORDED_TIMES
 from zenoh_tf.text.times import age as age_text
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show import view
 from zenoh_tf_tools.cli.show.pair_delays import add_pairs
@@ -51,7 +50,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf plot run.mcap map base_link --pair map truth --error",
         "zenoh-tf plot run.mcap map base_link --estimate",
     )
-    add_optional_file(plot)
+    recorded.add_optional_file(plot)
     add_frames(plot)
     add_pairs(plot, "also draw this pair")
     plot.add_argument(
@@ -120,7 +119,7 @@ def _histories(args: argparse.Namespace) -> list[PairHistory]:
         range_ns = recorded.chosen_range(args, source.range_ns, source.range_ns, inside=True)
         histories = replayed(source, pairs, range_ns, velocity=args.velocity)
         if args.estimate:
-            with open_recording(args.file, args.topics) as recording:
+            with recorded.opened(args) as recording:
                 histories = foretold(recording, source.lookups, histories)
         return histories
     with connect(args) as tf, tf.mirror() as mirror:

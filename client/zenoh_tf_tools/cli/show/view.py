@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zenoh_tf.doctor import RecordedFacts, TreeFacts
-from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
-from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import watch
 from zenoh_tf_tools.errors import CommandError, extra
@@ -48,7 +47,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf view --fixed base_link --trail 0",
         "zenoh-tf view --urdf robot.urdf",
     )
-    add_optional_file(view)
+    recordings.add_optional_file(view)
     view.add_argument(
         "--at",
         metavar="TIME",
@@ -141,7 +140,7 @@ def _recorded_facts(
     args: argparse.Namespace, stopped: Callable[[], bool]
 ) -> Generator[TreeFacts, None, None]:
     facts = RecordedFacts()
-    with open_recording(args.file, args.topics) as recording:
+    with recordings.opened(args) as recording:
         for message in recording.messages():
             if stopped():
                 break
@@ -181,7 +180,7 @@ def _at_ns(args: argparse.Namespace, source: ViewedTree) -> int:
 
 def recorded(args: argparse.Namespace) -> RecordedSource:
     """The recording that `args.file` names."""
-    with open_recording(args.file, args.topics) as recording:
+    with recordings.opened(args) as recording:
         source = RecordedSource(recording)
         recordings.warn(recording)
     return source

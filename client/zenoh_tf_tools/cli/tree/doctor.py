@@ -6,10 +6,9 @@ import argparse
 import textwrap
 
 from zenoh_tf.doctor import CATALOGUE, Finding, RecordedFacts, TreeFacts, diagnose
-from zenoh_tf.recordings import open_recording
 from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_duration
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import observe
 from zenoh_tf_tools.cli.progress import Progress
@@ -28,7 +27,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf doctor --json",
         "zenoh-tf doctor drive.mcap",
     )
-    add_optional_file(doctor)
+    recorded.add_optional_file(doctor)
     help_ = "how long to watch (default 2s); 0: judge only what the server has"
     add_duration(doctor, "--for", help_, 2.0)
     doctor.add_argument(
@@ -61,7 +60,7 @@ def _doctor(args: argparse.Namespace) -> int:
 
 def _recorded(args: argparse.Namespace) -> TreeFacts:
     facts = RecordedFacts()
-    with open_recording(args.file, args.topics) as recording:
+    with recorded.opened(args, mixed=True) as recording:
         with Progress(recording.message_count, "messages") as progress:
             for number, message in enumerate(recording.messages(), start=1):
                 facts.add(message.log_ns, message.topic, message.static, message.rows)

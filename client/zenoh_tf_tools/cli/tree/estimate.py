@@ -16,7 +16,7 @@ from zenoh_tf.text.time_flags import duration, live_time, recorded_time
 from zenoh_tf.text.times import age
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_frames
 from zenoh_tf_tools.cli.connection import connect, suggest_names
 from zenoh_tf_tools.estimate_words import bounds, carried_on, metres
 
@@ -40,7 +40,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf estimate map gripper --at now-50ms --level 0.99",
         "zenoh-tf estimate run.mcap map base_link --at +10s",
     )
-    add_optional_file(estimate)
+    recorded.add_optional_file(estimate)
     add_frames(estimate)
     recorded.add_at(estimate)
     estimate.add_argument(

@@ -9,7 +9,7 @@ from zenoh_tf.text import printable
 from zenoh_tf.text.time_flags import live_time, recorded_time
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_frames, add_optional_file
+from zenoh_tf_tools.cli.arguments import Commands, add_frames
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.tree import estimate
 from zenoh_tf_tools.errors import FAULT_FOUND
@@ -29,7 +29,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf explain map camera --at now-0.5s",
         "zenoh-tf explain run.mcap map camera --at +10s",
     )
-    add_optional_file(explain)
+    recorded.add_optional_file(explain)
     add_frames(explain)
     recorded.add_at(explain)
 

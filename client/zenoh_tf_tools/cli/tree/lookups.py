@@ -12,10 +12,8 @@ from zenoh_tf_tools.cli.arguments import (
     Commands,
     add_duration,
     add_frames,
-    add_live_at,
-    add_optional_file,
 )
-from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.cli.connection import connect, suggest_names
 
 
 def add(commands: Commands) -> None:
@@ -24,12 +22,15 @@ def add(commands: Commands) -> None:
         _lookup,
         "pose of SOURCE in TARGET at a time, interpolated",
         "Print the pose of SOURCE in TARGET at a time. Without --at: at the latest common time, "
-        "the newest that every link between them can serve.",
+        "the newest that every link between them can serve. FILE needs the libraries of "
+        "zenoh-tf[recordings]; for many times of it use query.",
         "zenoh-tf lookup map base_link",
         "zenoh-tf lookup map base_link --at now-0.5s",
+        "zenoh-tf lookup run.mcap map base_link --at +10s",
     )
+    recorded.add_optional_file(lookup)
     add_frames(lookup)
-    add_live_at(lookup)
+    recorded.add_at(lookup)
 
     latest = commands.add(
         "latest",
@@ -58,7 +59,7 @@ def add(commands: Commands) -> None:
         "zenoh-tf velocity run.mcap base_link map --at +10s",
         "zenoh-tf velocity base_link map --interval 500ms --reference base_link",
     )
-    add_optional_file(velocity)
+    recorded.add_optional_file(velocity)
     velocity.add_argument("tracking", metavar="TRACKING", help="the frame that moves")
     velocity.add_argument("observation", metavar="OBSERVATION", help="the frame it is seen from")
     recorded.add_at(velocity)
@@ -71,8 +72,17 @@ def add(commands: Commands) -> None:
 
 
 def _lookup(args: argparse.Namespace) -> int:
+    if args.file is not None:
+        time = recorded.time_at(args, recorded_time)
+        tree, range_ns = recorded.loaded(args)
+        stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
+        with suggest_names(tree.frames):
+            answer = tree.lookup_transform(args.target, args.source, stamp_ns)
+        output.show_answer(args, tree, answer)
+        return 0
+    stamp_ns = recorded.time_at(args, live_time)
     with connect(args) as tf:
-        output.show_answer(args, tf, tf.lookup_transform(args.target, args.source, args.at))
+        output.show_answer(args, tf, tf.lookup_transform(args.target, args.source, stamp_ns))
     return 0
 
 
