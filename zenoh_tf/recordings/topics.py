@@ -53,6 +53,7 @@ class Topics:
     def channel(self, topic: str, message_type: str, encoding: str) -> Channel | None:
         """The channel of a topic; None if it has no transforms or is not chosen."""
         bare = topic.lstrip("/")
+        message_type = _ros_name(message_type)
         decode = decoder(message_type, encoding)
         if decode is not None:
             self.transforms.add(topic)
@@ -189,6 +190,14 @@ def _numbered(channels: Sequence[Channel]) -> tuple[list[Channel], NDArray[np.in
 
 def _last(topic: str) -> str:
     return topic.rpartition("/")[2]
+
+
+def _ros_name(message_type: str) -> str:
+    """The name of a type as ROS writes it. Recorders of DDS write that of its IDL, such as
+    ``tf2_msgs::msg::dds_::TFMessage_``."""
+    if "::" not in message_type:
+        return message_type
+    return message_type.replace("::dds_::", "::").replace("::", "/").removesuffix("_")
 
 
 def _bare(name: object, field: str) -> str:

@@ -9,7 +9,9 @@ Thread safety: all functions.
 
 from __future__ import annotations
 
+import codecs
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +36,11 @@ UNSUPPORTED: Final = ("floating", "planar")
 #: Misspelt names for which similar ones are searched, at a cost of the number of joints each.
 _MAX_HINTS: Final = 3
 _KINDS: Final = ("fixed", *MOVING, *UNSUPPORTED)
+_DECLARED: Final = re.compile(rb"""\s*<\?xml\s[^>]*?\bencoding\s*=\s*["']([\w.:-]+)""")
+#: Encodings that expat cannot read before Python 3.15, but Python can.
+_MULTI_BYTE: Final = frozenset(
+    ("gb2312", "gbk", "gb18030", "big5", "big5hkscs", "shift_jis", "euc_jp", "euc_kr", "johab")
+) | {"cp932", "cp949", "cp950"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +120,8 @@ def _text(path: Path) -> bytes:
 
 
 def _parse_xml(text: bytes, source: str) -> Element:
-    parser, builder = expat.ParserCreate(), TreeBuilder()
+    text, encoding = _readable(text, source)
+    parser, builder = expat.ParserCreate(encoding), TreeBuilder()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag.startswith("xacro:"):
@@ -131,12 +139,38 @@ def _parse_xml(text: bytes, source: str) -> Element:
     parser.EndElementHandler = builder.end
     try:
         parser.Parse(text, True)
-    except (expat.ExpatError, LookupError) as error:  # LookupError: of an unknown encoding
+    except InvalidArgumentException:  # of a handler; it is a ValueError as well
+        raise
+    except expat.ExpatError as error:
         raise InvalidArgumentException(f"{source}: not XML: {error}") from error
+    except (LookupError, ValueError) as error:  # of an encoding that expat cannot read
+        raise _unreadable(text, source) from error
     root = builder.close()
     if root.tag != "robot":
         raise InvalidArgumentException(f"{source}: the root element is <{root.tag}>, not <robot>")
     return root
+
+
+def _readable(text: bytes, source: str) -> tuple[bytes, str | None]:
+    """The text in an encoding that expat reads, and its name; None: as the text declares."""
+    declared = _DECLARED.match(text)
+    try:
+        name = codecs.lookup(declared[1].decode()).name if declared else ""
+        if name in _MULTI_BYTE:
+            return text.decode(name).encode(), "utf-8"
+    except LookupError:
+        pass
+    except UnicodeDecodeError as error:
+        raise InvalidArgumentException(f"{source}: {error}; is it of another encoding?") from error
+    return text, None
+
+
+def _unreadable(text: bytes, source: str) -> InvalidArgumentException:
+    declared = _DECLARED.match(text)
+    name = declared[1].decode() if declared else "it declares"
+    return InvalidArgumentException(
+        f"{source}: not XML: the encoding {name} cannot be read; save the file as UTF-8"
+    )
 
 
 @dataclass(frozen=True, slots=True)
