@@ -73,7 +73,8 @@ def _read_row(args: argparse.Namespace) -> None:
     for name in (*sum(_UNITS.values(), ()), "frame_id", "child_frame_id"):
         if getattr(args, name) is not None:
             flag = f"--{name.replace('_', '-')}"
-            _refuse(args, f"{flag} cannot be combined with arguments in a row")
+            _refuse(args, f"{flag} cannot be combined with arguments in a row: {args.words}")
+    _refuse_period(args)
     if len(args.words) not in (8, 9):
         _refuse(args, f"give 6 or 7 numbers and two frames, not {len(args.words)} arguments")
     *words, args.frame_id, args.child_frame_id = args.words
@@ -83,6 +84,21 @@ def _read_row(args: argparse.Namespace) -> None:
             setattr(args, name, _type(name)(word.strip()))
     except argparse.ArgumentTypeError as error:
         _refuse(args, str(error))
+
+
+def _refuse_period(args: argparse.Namespace) -> None:
+    """Refuse the last argument of the publisher of tf, which that of tf2 has no more."""
+    *words, period = args.words
+    if len(words) in (8, 9) and _is_number(period) and not _is_number(words[-2]):
+        _refuse(args, f"leave out the period {period!r}: a static link holds until it is replaced")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _type(name: str) -> Callable[[str], float]:
