@@ -21,7 +21,16 @@ import zenoh.ext
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 
-from ros2_robot import HASH, HUMBLE_HASH, TYPE, Node, open_session, rows_of, tf_message
+from ros2_robot import (
+    HASH,
+    HUMBLE_HASH,
+    TYPE,
+    Node,
+    Publisher,
+    open_session,
+    rows_of,
+    tf_message,
+)
 
 
 class Bridge:
@@ -94,6 +103,17 @@ class Peer:
             )
         else:
             static.publisher = self._session.declare_publisher(static.key)
+
+    def renew(self, name: str, number: int, keep: bool = False) -> None:
+        """Give a node another publisher of /tf_static; `keep`: the one before stays, and is
+        silent."""
+        node = self._nodes[name]
+        if keep:
+            self._kept.append(node._static)
+        else:
+            node._static.token.undeclare()
+            node._static.publisher.undeclare()
+        node._static = Publisher(self._session, node, "tf_static", number)
 
     def bridge(self, name: str, namespace: str, history: str = "cache") -> None:
         self._nodes[name] = Bridge(self._session, namespace, history)

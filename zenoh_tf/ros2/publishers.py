@@ -45,6 +45,8 @@ _PATIENCE_S: Final = 1.0
 _PATIENCE_PART: Final = 0.05
 _SHORT_ID: Final = 8  # characters of an id that is part of a name
 
+#: The key of a publisher's messages, the Zenoh id of its session, and its own id; empty: unknown.
+Identity = tuple[str, str, bytes]
 #: Makes rows of a message's bytes, with the names that the frames have in the tree.
 Decode = Callable[[bytes], TransformRows]
 
@@ -62,9 +64,9 @@ class Source:
     decode: Decode | None = None  # of its messages; the receiver sets it
 
     @property
-    def identity(self) -> tuple[str, str]:
-        """Stands for the publisher, as far as it differs from others of its key."""
-        return self.key, self.zid or (self.gid.hex() if self.gid else "")
+    def identity(self) -> Identity:
+        """Stands for the publisher. A node that makes its publisher again has another one."""
+        return self.key, self.zid or "", self.gid or b""
 
 
 def is_echo(authority: str) -> bool:

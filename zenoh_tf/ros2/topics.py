@@ -43,6 +43,7 @@ class Received:
     topic: Topic
     payload: zenoh.ZBytes  # in CDR
     number: int | None  # the publisher's number or time of the message
+    sent_ns: int | None  # when it was sent, by the clock of the publisher's host
     gid: bytes | None  # the publisher's id, see `attachment`
     zid: str | None  # the Zenoh id of its session
 
@@ -68,19 +69,19 @@ class Reception:
             topic = self._topic(key)
         if topic is None:
             return None
-        number = gid = None
+        number = sent_ns = gid = None
         if sample.attachment is not None:
             try:
                 found = attachment.decode(sample.attachment.to_bytes())
-                number, gid = found.number, found.gid
+                number, sent_ns, gid = found.number, found.stamp_ns, found.gid
             except TransformException as error:
                 assert isinstance(error, ProtocolError)
                 self._report(key, error)
         elif sample.timestamp is not None:
-            number = sample.timestamp.get_time_as_ntp64().as_nanos()
+            number = sent_ns = sample.timestamp.get_time_as_ntp64().as_nanos()
         if zid is None and (info := sample.source_info) is not None:
             zid = str(info.source_id.zid)
-        return Received(key, topic, sample.payload, number, gid, zid)
+        return Received(key, topic, sample.payload, number, sent_ns, gid, zid)
 
     def _topic(self, key: str) -> Topic | None:
         if key.startswith(f"{service_keys.PREFIX}/"):

@@ -27,7 +27,7 @@ from zenoh.handlers import Callback
 
 from zenoh_tf import threads
 from zenoh_tf.errors import ProtocolError
-from zenoh_tf.ros2 import keys
+from zenoh_tf.ros2 import attachment, keys
 from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher
 from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, NODE
 from zenoh_tf.ros2.topics import Received, Reception
@@ -49,6 +49,9 @@ _MAX_REPLY_BYTES: Final = 64 << 20
 
 #: The data's key, and the Zenoh id of the session.
 _Identity = tuple[str, str]
+#: Gets publishers that have come (True), or are gone and would send again what they keep (False):
+#: that of an id, or all of a session on a key.
+CameOrWent = Callable[[_Identity, bytes | None, bool], None]
 
 
 @dataclass(slots=True, eq=False)
@@ -72,6 +75,11 @@ class _Keeper:
     was_checked_again: bool = False  # after a live message
     was_reported: bool = False
 
+    @property
+    def keeps(self) -> bool:
+        """True if its publishers send again what they have sent, so that it may go with them."""
+        return self.had_token and not self.is_silent
+
 
 @dataclass(slots=True, eq=False)
 class _Question:
@@ -90,14 +98,13 @@ class Histories:
     def __init__(
         self,
         session: zenoh.Session,
-        came_or_went: Callable[[_Identity, bool], None],
+        came_or_went: CameOrWent,
         receive: Callable[[Received], None],
         report: Callable[[str, ProtocolError], None],
     ) -> None:
         """Bridges can be asked at once; what they reply waits for `start`.
 
-        `came_or_went` gets publishers of whom a token has come (True), or that are gone and would
-        send again what they keep (False), `receive` messages, and `report` what is malformed."""
+        `receive` gets messages, and `report` what is malformed."""
         self._session = session
         self._own_zid = str(session.info.zid())
         self._came_or_went = came_or_went
@@ -154,6 +161,8 @@ class Histories:
                 self._keepers[identity] = keeper
                 keeper.declared[publisher.token] = publisher
                 self._ask_later(keeper, _CHECK_S)
+        if declares and (gid := _gid(publisher)) is not None:
+            self._came_or_went(identity, gid, True)
         if publisher.topic.is_bridged:
             self._ask(keeper, _old_caches(identity))
 
@@ -163,9 +172,11 @@ class Histories:
             keeper = self._keepers.get((publisher.data, publisher.zid))
             if keeper is None or keeper.declared.pop(publisher.token, None) is None:
                 return
-            vanished = self._is_gone(keeper)
-        if vanished:
-            self._came_or_went(keeper.identity, False)
+            is_last = self._is_gone(keeper)
+        gid = None if is_last else _gid(publisher)
+        # Without an id, messages are not those of this publisher but of its session.
+        if keeper.keeps and (is_last or gid is not None):
+            self._came_or_went(keeper.identity, gid, False)
 
     def has_sent(self, identity: _Identity) -> None:
         """Ask a silent publisher once more, now that it has sent a message."""
@@ -202,7 +213,7 @@ class Histories:
             keeper = self._keepers.setdefault(identity, _Keeper(identity))
             keeper.tokens.add(token)
             keeper.had_token = True
-        self._came_or_went(identity, True)
+        self._came_or_went(identity, None, True)
         self._ask(keeper, [token])
 
     def _token_removed(self, identity: _Identity, token: str) -> None:
@@ -212,13 +223,12 @@ class Histories:
                 return
             self._tokens.discard(token)
             keeper.tokens.discard(token)
-            vanished = self._is_gone(keeper)
-        if vanished:
-            self._came_or_went(identity, False)
+            is_last = self._is_gone(keeper)
+        if keeper.keeps and is_last:
+            self._came_or_went(identity, None, False)
 
     def _is_gone(self, keeper: _Keeper) -> bool:
-        """Forget a keeper that has neither tokens nor declared publishers. Returns True if it would
-        send again what it keeps; those that keep nothing would not, so what they sent stays.
+        """Forget a keeper that has neither tokens nor declared publishers, and return True.
 
         Both must have gone, as a token that goes alone can be reported after messages that were
         sent without it. Requires the lock.
@@ -226,7 +236,7 @@ class Histories:
         if keeper.tokens or keeper.declared:
             return False
         del self._keepers[keeper.identity]
-        return keeper.had_token and not keeper.is_silent
+        return True
 
     # --- queries
 
@@ -330,6 +340,11 @@ class Histories:
         message = self._reception.message(sample, zid)
         if message is not None:
             self._receive(message)
+
+
+def _gid(publisher: Publisher) -> bytes | None:
+    """The id that a publisher's messages carry; None if they carry none, or it is not known."""
+    return None if publisher.topic.is_bridged else attachment.gid_of(publisher.token)
 
 
 def _old_caches(identity: _Identity) -> list[str]:

@@ -133,8 +133,8 @@ class Incoming:
                 with contextlib.suppress(TransformException):
                     rows = put.decode(message.payload.to_bytes())
                     if live:
-                        self._histories.has_sent(source.identity)
-                    news = self._statics.record(source, message.number, rows, live=live)
+                        self._histories.has_sent(source.identity[:2])
+                    news = self._statics.record(source, message, rows, live=live)
                     if news is None:
                         continue
                     put = news

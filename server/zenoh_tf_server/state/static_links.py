@@ -180,6 +180,12 @@ class StaticLinks:
             record = self._record(frame)
             return record is not None and record["parent"] is not None
 
+    def is_set_by_call(self, frame: str) -> bool:
+        """True if a call has set a frame's static link last: a correction, which no announcement
+        replaces."""
+        with self.lock:
+            return frame in self._by_call
+
     def wait(self, state_write: int) -> None:
         """Wait until a change is durable; not at all for NO_STATE_WRITE.
 
