@@ -177,7 +177,7 @@ def test_a_damaged_tail_is_reported(zenoh_tf: Run, tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:3000])
     done = zenoh_tf("query", str(path), "a", "b")
     assert done.returncode == 0
-    assert done.stderr == "zenoh-tf: the file lacks its end; what is complete was read\n"
+    assert done.stderr == "zenoh-tf: log lacks its end; what is complete was read\n"
 
 
 @needs_recording

@@ -237,7 +237,7 @@ def test_a_killed_recorder_loses_nothing_that_was_in_the_file(
     done = zenoh_tf("query", str(recorder.path), "a", "camera")
     assert (done.returncode, done.stderr) == (
         0,
-        "zenoh-tf: the file lacks its end; what is complete was read\n",
+        "zenoh-tf: run.mcap lacks its end; what is complete was read\n",
     )
     with recorder.path.open("rb") as file:  # the library reads it, too
         found = 0

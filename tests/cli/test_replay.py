@@ -202,7 +202,7 @@ def test_bad_files(zenoh_tf: Run, tmp_path: Path) -> None:
     text = tmp_path / "notes.txt"
     text.write_text("no recording")
     broken = tmp_path / "broken.mcap"
-    broken.write_bytes(write(tmp_path / "log").read_bytes()[:2000])
+    broken.write_bytes(write(tmp_path / "log").read_bytes()[:200])
     for path in (tmp_path / "nothing.mcap", text, broken, tmp_path):
         line = refusal(zenoh_tf("replay", str(path)))
         assert str(path) in line
@@ -236,9 +236,9 @@ def test_a_message_that_would_never_come(run: Run, tmp_path: Path, rate: str) ->
     assert f"at --rate {rate} the next message" in line
 
 
-@pytest.mark.parametrize(("library", "kind"), [("mcap", "mcap"), ("rosbags", "db3")])
+@pytest.mark.parametrize(("library", "kind"), [("mcap", "mcap"), ("rosbags", "bag")])
 def test_without_the_extra(tmp_path: Path, library: str, kind: str) -> None:
-    path = write(tmp_path / "log", kind=kind)
+    path = write(tmp_path / f"log.{kind}", kind=kind)
     line = refusal(run_without(library, "replay", str(path)))
     assert "pip install 'zenoh-tf[recordings]'" in line
 

@@ -4,8 +4,8 @@ Needs the libraries of ``pip install 'zenoh-tf[recordings]'``. A recording has o
 `Recording`: for a tree (`zenoh_tf.TransformTree.from_recording`), and for `zenoh-tf query` and
 `replay`. docs/how-to/recordings.md says which files can be read, and what is a static link.
 
-    mcap_file.py, bag_file.py -> decoders.py -> recording.py -> load.py
-    raw messages of a container  their rows                     a tree
+    containers/ -> decoders.py, poses.py -> recording.py -> load.py
+    raw messages   their rows               topics.py       a tree
 
 `writer.py` makes a file, and `repair.py` one from a damaged file.
 """

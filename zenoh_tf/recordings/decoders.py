@@ -10,11 +10,12 @@ import importlib
 import json
 import struct
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final, NamedTuple
 
 from .._core import TransformRows, decode_tf_messages
 from .errors import reason
+from .ros_types import full_type, ros_message
 
 
 class Decoded(NamedTuple):
@@ -33,6 +34,11 @@ _TF_MESSAGES: Final = frozenset(
     {"tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage", "tf/msg/tfMessage", "tf/tfMessage"}
 )
 _FRAME_TRANSFORMS: Final = ("foxglove.FrameTransforms", "foxglove.FrameTransform")
+#: The same as packages of ROS have them.
+_ROS_FRAME_TRANSFORMS: Final = (
+    "foxglove_msgs/msg/FrameTransforms",
+    "foxglove_msgs/msg/FrameTransform",
+)
 #: What can be read, for error messages.
 READABLE: Final = "tf2_msgs/msg/TFMessage, foxglove.FrameTransforms or foxglove.FrameTransform"
 
@@ -42,12 +48,18 @@ _IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
 @cache
 def decoder(message_type: str, encoding: str) -> Decode | None:
     """The decoder for a type or schema of messages in an encoding, which is "cdr", "ros1",
-    "protobuf" or "json"; None if it has no transforms."""
+    "protobuf", "json" or "flatbuffer"; None if it has no transforms."""
     kinds: dict[str, Decode] = {}
     if message_type in _TF_MESSAGES:
         kinds = {"cdr": _cdr, "ros1": each(_ros1)}
     elif message_type in _FRAME_TRANSFORMS:
-        kinds = {"protobuf": each(_protobuf(message_type)), "json": each(_json)}
+        kinds = {
+            "protobuf": each(_protobuf(message_type)),
+            "json": each(_json),
+            "flatbuffer": each(_flatbuffer(message_type)),
+        }
+    elif (name := full_type(message_type)) in _ROS_FRAME_TRANSFORMS:
+        kinds = {form: each(partial(_ros, name, form)) for form in ("cdr", "ros1")}
     return kinds.get(encoding)
 
 
@@ -122,6 +134,54 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     if end > len(data):
         raise ValueError("a text is longer than its message")
     return data[at + _LENGTH.size : end].decode(), end
+
+
+def _ros(message_type: str, encoding: str, data: bytes) -> list[Row]:
+    """Foxglove's messages as packages of ROS have them."""
+    message = ros_message(message_type, encoding, data)
+    return [
+        (
+            row.parent_frame_id,
+            row.child_frame_id,
+            row.timestamp.sec * 10**9 + row.timestamp.nanosec,
+            _pose(row.translation, row.rotation),
+        )
+        for row in getattr(message, "transforms", [message])
+    ]
+
+
+def _pose(at: Any, turn: Any) -> tuple[float, ...]:
+    return (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
+
+
+def _flatbuffer(message_type: str) -> Callable[[bytes], list[Row]]:
+    """A decoder of a foxglove.FrameTransforms, or of a single FrameTransform, in flatbuffers."""
+    name = message_type.rpartition(".")[2]
+
+    def decode(data: bytes) -> list[Row]:
+        schema = importlib.import_module(f"foxglove_schemas_flatbuffer.{name}")  # an extra
+        message = getattr(schema, name).GetRootAs(data)
+        if name == "FrameTransform":
+            return [_flatbuffer_row(message)]
+        count = message.TransformsLength()
+        if count > len(data):
+            raise ValueError("it has more transforms than bytes")
+        return [_flatbuffer_row(message.Transforms(index)) for index in range(count)]
+
+    return decode
+
+
+def _flatbuffer_row(row: Any) -> Row:
+    time, at, turn = row.Timestamp(), row.Translation(), row.Rotation()
+    return (
+        row.ParentFrameId().decode(),
+        row.ChildFrameId().decode(),
+        time.Sec() * 10**9 + time.Nsec(),
+        (
+            *((at.X(), at.Y(), at.Z()) if at else (0.0, 0.0, 0.0)),
+            *((turn.X(), turn.Y(), turn.Z(), turn.W()) if turn else _IDENTITY),
+        ),
+    )
 
 
 def _protobuf(message_type: str) -> Callable[[bytes], list[Row]]:

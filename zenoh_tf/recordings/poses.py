@@ -5,12 +5,10 @@ They are decoded with ``rosbags``, and read only if their topic is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any, Final
+from typing import Final
 
 from .decoders import Decode, Row, each
-from .errors import missing_library
+from .ros_types import full_type, ros_message
 
 _TRANSFORM: Final = "geometry_msgs/msg/TransformStamped"
 _ODOMETRY: Final = "nav_msgs/msg/Odometry"
@@ -27,8 +25,7 @@ def pose_decoder(message_type: str, encoding: str, topic: str) -> Decode | None:
         encoding: "cdr" or "ros1".
         topic: Without a slash at its begin: the child of messages that name no child.
     """
-    package, _, name = message_type.partition("/")
-    full = f"{package}/msg/{name.removeprefix('msg/')}"
+    full = full_type(message_type)
     if full not in _TYPES or encoding not in ("cdr", "ros1"):
         return None
 
@@ -51,18 +48,3 @@ def pose_decoder(message_type: str, encoding: str, topic: str) -> Decode | None:
         ]
 
     return each(decode)
-
-
-def ros_message(message_type: str, encoding: str, data: bytes) -> Any:
-    """A message of ROS. Raises any exception if it is malformed."""
-    return _deserializer(encoding)(data, message_type)
-
-
-@cache
-def _deserializer(encoding: str) -> Callable[[bytes, str], Any]:
-    try:
-        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise missing_library(error) from error
-    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
-    return store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -15,17 +15,13 @@ from .._core import TransformRows
 from ..errors import LimitExceeded
 from ..text import quoted
 from ..text.times import seconds
-from .bag_file import BagFile
-from .container import Channel, Choose, Container, RawMessage
+from .containers.container import Channel, Container, RawMessage
+from .containers.decompress import ZSTD_MAGIC, decompress_message
+from .containers.opening import open_all
 from .decoders import Decoded
 from .errors import RecordingError, reason
-from .mcap_file import McapFile
 from .topics import LinkTopics, Topics, prefixed
 
-#: The first bytes of a file say what it is; its name may not.
-_MCAP: Final = b"\x89MCAP"
-_ROS1_BAG: Final = b"#ROSBAG"
-_SQLITE: Final = b"SQLite format 3\0"
 #: Messages that are decoded together; their rows need about as much.
 _BLOCK_BYTES: Final = 8 << 20
 #: A row's two numbers of names, stamp, pose, and time of the log.
@@ -64,11 +60,20 @@ class Recording:
     Thread safety: none.
     """
 
-    def __init__(self, path: Path, containers: list[Container], topics: Topics, *, mixed: bool):
+    def __init__(
+        self,
+        path: Path,
+        containers: list[Container],
+        topics: Topics,
+        faults: list[str],
+        *,
+        mixed: bool,
+    ) -> None:
         """Use `open_recording` instead."""
         self._path = path
         self._containers = containers
         self._chosen = topics
+        self._faults = faults  # of files of the folder that cannot be opened
         self._mixed = mixed
         self._links = LinkTopics(path, topics)
         #: The topics that were read so far and had messages.
@@ -211,9 +216,14 @@ class Recording:
 
     def warnings(self) -> list[str]:
         """What a user should know of the messages that were read, in sentences."""
-        found = []
-        if self.is_cut_off:
-            found.append("the file lacks its end; what is complete was read")
+        found = list(self._faults)
+        for container in self._containers:
+            name = container.path.name
+            if container.is_cut_off:
+                found.append(f"{name} lacks its end; what is complete was read")
+            if damage := container.damage.count:
+                more = f"; {damage:,} such places in all" if damage > 1 else ""
+                found.append(f"{name} is damaged {container.damage.first}{more}; the rest was read")
         if self.malformed:
             found.append(
                 f"{self.malformed:,} messages skipped, which cannot be decoded ({self.first_fault})"
@@ -239,8 +249,7 @@ class Recording:
         channel = messages[0].channel
         found = channel.decode([raw.data for raw in messages])
         if found.malformed:
-            self.first_fault = self.first_fault or f"{channel.topic}: {found.first_fault}"
-            self.malformed += found.malformed
+            self._count_malformed(found.malformed, channel.topic, found.first_fault)
         if found.malformed == len(messages):
             return None
         channels = [raw.channel for raw in messages]
@@ -248,6 +257,10 @@ class Recording:
         if not self._mixed:
             self._links.check(rows, channels, found.counts)
         return found._replace(rows=rows)
+
+    def _count_malformed(self, count: int, topic: str, why: str) -> None:
+        self.first_fault = self.first_fault or f"{topic}: {why}"
+        self.malformed += count
 
     def _chosen_raw(self) -> Iterator[RawMessage]:
         """Yield the messages, and restart the counters."""
@@ -270,7 +283,13 @@ class Recording:
                 except StopIteration:
                     break
                 except Exception as error:  # libraries raise any on damaged files
-                    raise RecordingError(f"{self._path}: {reason(error)}") from error
+                    raise RecordingError(f"{container.path}: {reason(error)}") from error
+                if raw.data.startswith(ZSTD_MAGIC):
+                    try:
+                        raw = raw._replace(data=decompress_message(raw.data))
+                    except Exception as error:  # the library raises any on damage
+                        self._count_malformed(1, raw.channel.topic, reason(error))
+                        continue
                 yield raw
 
     def _nothing_by(self, until_ns: int, begin_ns: int) -> RecordingError:
@@ -282,8 +301,7 @@ class Recording:
     def _nothing(self) -> str:
         if all(container.is_empty for container in self._containers):
             return "the recording is empty: it has no messages"
-        end = "; the file lacks its end" if self.is_cut_off else ""
-        return self._chosen.nothing() + end
+        return "; ".join([self._chosen.nothing(), *self.warnings()])
 
 
 def _first_after(log_ns: NDArray[np.int64], time_ns: int) -> int:
@@ -322,49 +340,8 @@ def open_recording(
     """
     path = Path(path)
     chosen = Topics(topics, prefixes)
-    containers: list[Container] = []
-    try:
-        try:
-            _open_all(path, containers, chosen.channel)
-        except RecordingError:
-            raise
-        except Exception as error:  # libraries raise any on damaged files
-            raise RecordingError(f"{path}: not a readable recording: {reason(error)}") from error
-        recording = Recording(path, containers, chosen, mixed=mixed)
+    with ExitStack() as stack:
+        containers, faults = open_all(path, chosen.channel, stack)
+        recording = Recording(path, containers, chosen, faults, mixed=mixed)
         recording.check()
         yield recording
-    finally:
-        for container in containers:
-            container.close()
-
-
-def _open_all(path: Path, containers: list[Container], choose: Choose) -> None:
-    """Append the open containers of a path, in the order of their recording."""
-    if not path.exists():
-        raise RecordingError(f"{path}: no such file")
-    if path.is_dir():
-        # A folder whose recorder was killed has no metadata.yaml, but its MCAP files are readable.
-        parts = sorted(path.glob("*.mcap"), key=_number_at_end)
-        if not parts:
-            containers.append(BagFile(path, choose, ros1=False))
-        for part in parts:
-            containers.append(McapFile(part, choose))
-        return
-    with path.open("rb") as file:
-        begin = file.read(len(_SQLITE))
-    if not begin:
-        raise RecordingError(f"{path}: the file is empty")
-    if begin.startswith(_MCAP):
-        containers.append(McapFile(path, choose))
-    elif begin.startswith(_ROS1_BAG):
-        containers.append(BagFile(path, choose, ros1=True))
-    elif begin == _SQLITE:
-        containers.append(BagFile(path, choose, ros1=False))
-    else:
-        raise RecordingError(f"{path}: not a recording: neither MCAP, db3 nor a ROS 1 bag")
-
-
-def _number_at_end(path: Path) -> tuple[int, str]:
-    """The order of a folder's files: ``ros2 bag record`` ends their names with a number."""
-    digits = path.stem.rsplit("_", 1)[-1]
-    return (int(digits) if digits.isdecimal() else 0, path.name)

@@ -14,14 +14,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
+from .containers.mcap_chunks import CHUNK_HEAD, MAGIC, RECORD, chunk_begin, chunk_data
+from .containers.mcap_file import McapFile
 from .errors import RecordingError, missing_library
-from .mcap_file import MAX_RECORD_BYTES, RECORD, McapFile
 
-_MAGIC: Final = b"\x89MCAP0\r\n"
-#: Of a chunk: times of its first and last message, size and checksum before compression, and the
-#: length of the compression's name.
-_CHUNK_HEAD: Final = struct.Struct("<QQQII")
-_CHUNK_DATA_BYTES: Final = struct.Struct("<Q")
+#: Larger records count as damage: a recorder closes a chunk after some MB.
+_MAX_RECORD_BYTES: Final = 1 << 30
 _INDEX: Final = struct.Struct("<HI")  # channel, bytes of the entries
 _INDEX_ENTRY_BYTES: Final = 16
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = 1, 3, 4, 5, 6, 7
@@ -72,7 +70,7 @@ def repair(path: Path, out: Path, on_bytes: Callable[[int], None] | None = None)
     except ImportError as error:
         raise missing_library(error) from error
     with path.open("rb") as stream:
-        if stream.read(len(_MAGIC)) != _MAGIC:
+        if stream.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"{path}: not an MCAP file; only those can be repaired")
         size = path.stat().st_size
         with out.open("xb") as new:
@@ -117,37 +115,20 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes, bool]]:
         opcode, length = RECORD.unpack(head)
         if opcode == _DATA_END:
             return
-        is_complete = bool(opcode) and length <= min(size - stream.tell(), MAX_RECORD_BYTES)
-        yield opcode, stream.read(length if is_complete else MAX_RECORD_BYTES), is_complete
+        is_complete = bool(opcode) and length <= min(size - stream.tell(), _MAX_RECORD_BYTES)
+        yield opcode, stream.read(length if is_complete else _MAX_RECORD_BYTES), is_complete
         if not is_complete:
             return
-
-
-def _decompress_begin(compression: bytes, data: bytes) -> bytes:
-    """What the begin of compressed data says."""
-    if compression == b"zstd":
-        import zstandard  # noqa: PLC0415 - of the extra
-
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    if compression == b"lz4":
-        import lz4.frame  # noqa: PLC0415 - of the extra
-
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data))
-    return data
 
 
 class _Copy:
     """Writes the records of a file into a new one, whose numbers of schemas and channels differ."""
 
     def __init__(self, writer: Any) -> None:
-        from mcap import records, stream_reader  # noqa: PLC0415 - an extra
+        from mcap import records  # noqa: PLC0415 - an extra
         from mcap.data_stream import ReadDataStream  # noqa: PLC0415
 
-        self._kinds, self._chunk_data, self._stream = (
-            records,
-            stream_reader.get_chunk_data_stream,
-            ReadDataStream,
-        )
+        self._kinds, self._stream = records, ReadDataStream
         self._writer = writer
         self._is_started = False
         self._schemas = {0: 0}  # 0: a channel without one
@@ -180,24 +161,21 @@ class _Copy:
         """Add the messages of a chunk that is not complete; of all else, nothing can be read."""
         found = self.found
         found.lost_bytes += len(body)
-        if opcode != _CHUNK or len(body) < _CHUNK_HEAD.size:
+        if opcode != _CHUNK or len(body) < CHUNK_HEAD.size:
             return
-        first_ns, last_ns, size, _, name_bytes = _CHUNK_HEAD.unpack_from(body)
+        first_ns, last_ns, size, *_ = CHUNK_HEAD.unpack_from(body)
         found.lost_chunks += 1
         found.lost_from_ns, found.lost_to_ns = first_ns, last_ns
-        begin = _CHUNK_HEAD.size + name_bytes
         try:
-            data = _decompress_begin(
-                body[_CHUNK_HEAD.size : begin], body[begin + _CHUNK_DATA_BYTES.size :]
-            )[:size]
-            read = self._add_records(data)
+            read = self._add_records(chunk_begin(body))
         except OSError:
             raise  # of the disk
-        except Exception:  # libraries raise any on damage
+        except Exception:  # the library raises any on damage
+            return
+        if not read:
             return
         found.lost_bytes += size - read - len(body)
-        if read:
-            found.lost_from_ns = self._last_ns
+        found.lost_from_ns = self._last_ns
 
     def finish(self) -> None:
         """Write the index and the end."""
@@ -206,9 +184,8 @@ class _Copy:
 
     def _add_chunk(self, body: bytes) -> None:
         """Add the records of a chunk, all or none: its checksum is that of all."""
-        chunk = self._kinds.Chunk.read(self._stream(BytesIO(body)))
-        stream, size = self._chunk_data(chunk, validate_crc=True)
-        if self._add_records(stream.read(size)) < size:
+        data = chunk_data(body)
+        if self._add_records(data) < len(data):
             raise ValueError("a record is longer than its chunk")
 
     def _add_records(self, data: bytes) -> int:

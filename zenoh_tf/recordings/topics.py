@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .._core import TransformRows
 from ..errors import InvalidArgumentException
 from ..text import quoted
-from .container import Channel
+from .containers.container import Channel
 from .decoders import READABLE, decoder
 from .errors import RecordingError
 from .poses import pose_decoder

@@ -1,0 +1,182 @@
+"""Reads ROS 1 bags with the records of ``rosbags``.
+
+Indexed bags are read chunk by chunk by their index. Those without one, as after a crash of
+``rosbag record``, and those whose index is damaged are read from the beginning.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from ..errors import missing_library, reason
+from .container import Channel, Choose, Damage, RawMessage, in_log_order
+from .decompress import MAX_CHUNK_BYTES, decompress, decompress_begin
+
+_MAGIC: Final = b"#ROSBAG V2.0\n"
+
+
+class BagFile:
+    """A ``.bag`` file, opened for reading. A `Container`."""
+
+    def __init__(self, path: Path, choose: Choose) -> None:
+        """Open it. Raises RecordingError if rosbags is missing, and ValueError if it is no bag."""
+        try:
+            from rosbags.rosbag1 import reader as records  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            raise missing_library(error) from error
+        self.path = path
+        self.damage = Damage()
+        self.is_cut_off = False
+        self.is_empty = False
+        self.message_count: int | None = None
+        self._records = records
+        self._choose = choose
+        self._size = path.stat().st_size
+        self._channels: dict[int, Channel | None] = {}  # None: not read
+        self._index: dict[int, list[tuple[int, int]]] | None = None
+        self._index_fault = ""
+        self._file = path.open("rb")
+        try:
+            if self._file.read(len(_MAGIC)) != _MAGIC:
+                raise ValueError("a bag of a version that is not read, or damaged at its begin")
+            self._begin = self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def messages(self) -> Iterator[RawMessage]:
+        """See `Container.messages`."""
+        self.damage = Damage()
+        if self._index_fault:
+            self.damage.note("its end", f"the index cannot be read: {self._index_fault}")
+        return in_log_order(self._indexed() if self._index is not None else self._scanned())
+
+    def _open(self) -> int:
+        """Read the index. Returns where the first record behind the bag's header is."""
+        header = self._records.Header.read(self._file, self._records.RecordType.BAGHEADER)
+        begin = self._file.tell() + 4 + self._records.read_uint32(self._file)
+        if header.get("encryptor"):
+            raise ValueError("the bag is encrypted")
+        if header.get_uint64("index_pos") == 0:
+            self.is_cut_off = True
+            return begin
+        reader = self._records.Reader(self.path)
+        try:
+            reader.open()
+        except Exception as error:  # rosbags raises any on damage
+            self._index_fault = reason(error)
+            return begin
+        try:
+            self._use_index(reader)
+        finally:
+            reader.close()
+        return begin
+
+    # --- by the index
+
+    def _use_index(self, reader: Any) -> None:
+        for connection in reader.connections:
+            self._add(connection.id, connection.topic, connection.msgtype)
+        self.is_empty = not any(connection.msgcount for connection in reader.connections)
+        index = defaultdict(list)
+        for number, entries in reader.indexes.items():
+            if self._channels.get(number):
+                for time_ns, chunk, offset in entries:
+                    index[chunk].append((time_ns, offset))
+        self.message_count = sum(map(len, index.values()))
+        for each in index.values():
+            each.sort()
+        self._index = dict(sorted(index.items(), key=lambda item: item[1][0]))
+
+    def _indexed(self) -> Iterator[tuple[int, list[RawMessage]]]:
+        """The chunks as of `in_log_order`."""
+        for at, entries in (self._index or {}).items():
+            found: list[RawMessage] = []
+            with self._noting(at):
+                self._file.seek(at)
+                header = self._records.Header.read(self._file, self._records.RecordType.CHUNK)
+                data = BytesIO(self._chunk(header))
+                for _, offset in entries:
+                    data.seek(offset)
+                    before = len(found)
+                    while len(found) == before:  # connections may stand before it
+                        self._read_record(data, found)
+            yield entries[0][0], found
+
+    # --- from the beginning
+
+    def _scanned(self) -> Iterator[tuple[int, list[RawMessage]]]:
+        """As `_indexed`."""
+        at = self._begin
+        while at < self._size:
+            found: list[RawMessage] = []
+            end = self._size
+            with self._noting(at):
+                self._file.seek(at)
+                header = self._records.Header.read(self._file)
+                opcode = header.get_uint8("op")
+                if opcode == self._records.RecordType.CONNECTION:
+                    return  # the index at the end
+                body = self._file.tell()
+                size = self._records.read_uint32(self._file)
+                end = body + 4 + size
+                self.is_cut_off = self.is_cut_off or end > self._size
+                if opcode == self._records.RecordType.CHUNK:
+                    self._file.seek(body)
+                    data = BytesIO(self._chunk(header, is_whole=end <= self._size))
+                    while data.tell() < len(data.getbuffer()):
+                        self._read_record(data, found)
+            if found:
+                yield min(message.log_ns for message in found), found
+            at = end
+
+    # --- both
+
+    @contextmanager
+    def _noting(self, at: int) -> Iterator[None]:
+        """Note what is damaged in a record."""
+        try:
+            yield
+        except OSError:
+            raise
+        except Exception as error:  # libraries raise any on damage
+            if not (self.is_cut_off and self._index is None and self._file.tell() >= self._size):
+                self.damage.note(f"byte {at:,}", f"a record cannot be read: {reason(error)}")
+
+    def _chunk(self, header: Any, *, is_whole: bool = True) -> bytes:
+        """The records of a chunk, whose header was read last."""
+        size = self._records.read_uint32(self._file)
+        if size > MAX_CHUNK_BYTES:
+            raise ValueError(f"it has {size:,} bytes, of which {MAX_CHUNK_BYTES:,} are allowed")
+        data, compression = self._file.read(size), header.get_string("compression")
+        if is_whole:
+            return decompress(compression, data, header.get_uint32("size"))
+        return decompress_begin(compression, data, MAX_CHUNK_BYTES)
+
+    def _read_record(self, data: BinaryIO, found: list[RawMessage]) -> None:
+        """Read a record of a chunk; append its message if it is one that is read."""
+        records = self._records
+        header = records.Header.read(data)
+        opcode, number = header.get_uint8("op"), header.get_uint32("conn")
+        if opcode == records.RecordType.CONNECTION:
+            more = records.Header.read(data)  # its data is laid out as a header
+            self._add(number, header.get_string("topic"), more.get_string("type"))
+            return
+        content = records.read_bytes(data, records.read_uint32(data))
+        if opcode != records.RecordType.MSGDATA:
+            raise ValueError(f"a chunk has a record of type {opcode}")
+        if of := self._channels.get(number):
+            found.append(RawMessage(header.get_time("time"), of, content))
+
+    def _add(self, number: int, topic: str, message_type: str) -> None:
+        if number not in self._channels:
+            self._channels[number] = self._choose(topic, message_type, "ros1")
