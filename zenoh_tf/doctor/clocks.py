@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import Final
 
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
@@ -35,7 +36,8 @@ def skewed_clock(facts: TreeFacts) -> Evidence:
             if own and all(_is_post_dated(facts, link) for link in own):
                 continue
             if _is_off(least, greatest):
-                yield publisher.name, f"its clock is {_lead(least, greatest)}"
+                also = _on_purpose(facts, own)
+                yield publisher.name, f"its clock is {_lead(least, greatest)}{also}"
     for link, seen in facts.seen:
         timing = seen.timing
         if link.frame.authority in known or timing.arrivals < _LEAST:
@@ -47,7 +49,8 @@ def skewed_clock(facts: TreeFacts) -> Evidence:
                 ends = sorted((abs(least), abs(greatest)))
                 yield by_publisher(
                     link,
-                    f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s",
+                    f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s"
+                    f"{_on_purpose(facts, [link])}",
                 )
     for client in facts.clients:
         least, greatest = client.clock_offset_min_s, client.clock_offset_max_s
@@ -206,13 +209,31 @@ def _cleared_stray(facts: TreeFacts, link: LinkFacts) -> str | None:
     )
 
 
+def _on_purpose(facts: TreeFacts, links: list[LinkFacts]) -> str:
+    """The other explanation of stamps ahead that each of some links has, which moves all the time:
+    a filter that adds a transform tolerance."""
+    if not links or not all(
+        is_post_dated(_lead_s(facts, link), _leads_below_s(facts, link)) for link in links
+    ):
+        return ""
+    return ", unless it stamps ahead on purpose, as localisations with a transform tolerance do"
+
+
+def _leads_below_s(facts: TreeFacts, link: LinkFacts) -> Iterator[float]:
+    return (_lead_s(facts, e) for e in facts.dynamic if e.frame.parent == link.frame.name)
+
+
 def _is_post_dated(facts: TreeFacts, link: LinkFacts) -> bool:
-    """Whether a localisation stamps its last correction ahead on purpose: it repeats a pose above
-    odometry whose stamps are not ahead."""
+    """Whether stamps are ahead on purpose: a localisation repeats its last correction above
+    odometry whose stamps are not ahead, or a state publisher sends a pose that never changes beside
+    others whose stamps are not ahead."""
     if link.seen is None or link.seen.motion.still_part <= _REPEATED_POSES:
         return False
-    below = (each for each in facts.dynamic if each.frame.parent == link.frame.name)
-    return is_post_dated(_lead_s(facts, link), (_lead_s(facts, each) for each in below))
+    others_s = [*_leads_below_s(facts, link)]
+    if link.seen.motion.still_part == 1.0:
+        authority = link.frame.authority
+        others_s += [_lead_s(facts, e) for e in facts.dynamic if e.frame.authority == authority]
+    return is_post_dated(_lead_s(facts, link), others_s)
 
 
 def _lead_s(facts: TreeFacts, link: LinkFacts) -> float:

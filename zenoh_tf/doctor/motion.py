@@ -19,6 +19,8 @@ _JUMP_TIMES: Final = 5.0
 #: Steps that show what a link does otherwise; without the largest, as one wrong pose is two jumps.
 _LEAST_STEPS: Final = 8
 _LARGEST: Final = 4
+#: A stray pose of a joint: the poses around it are alike to this part of the way to it.
+_RETURNED: Final = 0.2
 #: Lengths that grow so many times were metres and are millimetres.
 _MILLI: Final = (700.0, 1400.0)
 _MILLI_FROM_M: Final = 0.05
@@ -105,7 +107,9 @@ class Motion:
     def _find_jumps(self, steps: _Steps, poses: Floats, fresh: NDArray[np.bool_]) -> None:
         usual_m_s = _usual(steps.speed_m_s)
         far = steps.shift_m > np.maximum(_JUMP_M, _JUMP_TIMES * usual_m_s * steps.took_s)
-        if not (poses[:, :3] == poses[0, :3]).all():  # else a joint or a wheel that turns
+        if (poses[:, :3] == poses[0, :3]).all():  # a joint or a wheel that turns
+            far |= _strays(steps, poses)
+        else:
             usual_rad_s = _usual(steps.speed_rad_s)
             far |= steps.turn_rad > np.maximum(_JUMP_RAD, _JUMP_TIMES * usual_rad_s * steps.took_s)
         found = np.flatnonzero(far & fresh)
@@ -145,12 +149,11 @@ class _Steps(NamedTuple):
 
     @classmethod
     def of(cls, stamps: NDArray[np.int64], poses: Floats) -> _Steps:
-        turn = np.abs(np.einsum("ij,ij->i", poses[1:, 3:], poses[:-1, 3:]))
         return cls(
             stamps[1:],
             np.diff(stamps) / 1e9,
             np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1),
-            2 * np.arccos(np.minimum(turn, 1.0)),
+            _turn_rad(poses[1:], poses[:-1]),
             (poses[1:] != poses[:-1]).any(axis=1),
         )
 
@@ -174,6 +177,21 @@ def _travel_m_s(stamps: NDArray[np.int64], poses: Floats, moved: NDArray[np.bool
         return 0.0
     way_m = np.linalg.norm(poses[end, :3] - poses[begin, :3], axis=1)
     return float(np.median(way_m / (stamps[end] - stamps[begin]) * 1e9))
+
+
+def _strays(steps: _Steps, poses: Floats) -> NDArray[np.bool_]:
+    """Which steps lead to one pose far from those before and after it, which are alike: what a
+    driver sends between two measurements. A wheel that turns fast does not come back."""
+    far = steps.turn_rad > max(_JUMP_RAD, _JUMP_TIMES * float(np.quantile(steps.turn_rad, 0.9)))
+    across = _turn_rad(poses[2:], poses[:-2])
+    stray = far[:-1] & far[1:] & (across < _RETURNED * steps.turn_rad[:-1])
+    return np.append(stray, False)
+
+
+def _turn_rad(poses: Floats, others: Floats) -> Floats:
+    """The angle between the rotations of each two poses."""
+    angle: Floats = np.einsum("ij,ij->i", poses[:, 3:], others[:, 3:])
+    return 2 * np.arccos(np.minimum(np.abs(angle), 1.0))
 
 
 def _usual(speeds: Floats) -> float:

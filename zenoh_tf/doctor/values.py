@@ -67,11 +67,13 @@ def jumps(facts: TreeFacts) -> Evidence:
             continue
         more = seen.motion.jumps - 1
         again = f"; {times(more)} more since" if more else ""
+        usual = f"and otherwise at most at {jump.usual_m_s:.2f} m/s"
+        if jump.shift_m == 0.0:
+            usual = "and otherwise turned by far less"
         yield by_publisher(
             link,
             f"it moved {shift(jump.shift_m, jump.turn_rad)} within {age(round(jump.took_s * 1e9))} "
-            f"at {seconds(jump.stamp_ns)} s, and otherwise at most at {jump.usual_m_s:.2f} m/s"
-            f"{again}",
+            f"at {seconds(jump.stamp_ns)} s, {usual}{again}",
         )
 
 
