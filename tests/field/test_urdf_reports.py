@@ -197,3 +197,13 @@ def test_names_and_positions_of_other_lengths(count: int, positions: int) -> Non
 def test_a_message_without_positions(velocities: int) -> None:
     """ros/robot_state_publisher#64: wheels that measure velocities alone are no fault."""
     assert len(decode_joint_state(message(["left", "right"], 0, velocities)).position) == 0
+
+
+@pytest.mark.parametrize(("count", "velocities"), [(2, 1), (3, 6)])
+def test_velocities_of_another_length(count: int, velocities: int) -> None:
+    """ros-visualization/rviz#731, jsk-ros-pkg/jsk_recognition#2218: velocities and efforts that do
+    not fit the names move no joint, so the positions are good."""
+    names = [f"joint_{number}" for number in range(count)]
+    state = decode_joint_state(message(names, count, velocities))
+    assert state.position.tolist() == [1.0] * count
+    assert len(state.velocity) == 0

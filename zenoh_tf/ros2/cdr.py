@@ -91,7 +91,7 @@ def encode_tf_message(rows: TransformRows) -> bytes:
 
 
 def decode_joint_state(payload: bytes, max_rows: int = MAX_ROWS) -> JointState:
-    """A sensor_msgs/JointState.
+    """A sensor_msgs/JointState; velocities or efforts that do not fit the names are left out.
 
     Args:
         payload: The message in CDR, with its header.
@@ -114,9 +114,13 @@ def decode_joint_state(payload: bytes, max_rows: int = MAX_ROWS) -> JointState:
         stamp_ns=seconds * _SECOND_NS + rest,
     )
     read.end()
-    for what in ("position", "velocity", "effort"):
-        if len(values := getattr(state, what)) not in (0, len(state.name)):
-            raise _malformed(what, f"empty or {len(state.name)} numbers, not {len(values)}")
+    count = len(state.name)
+    if len(state.position) not in (0, count):
+        raise _malformed("position", f"empty or {count} numbers, not {len(state.position)}")
+    # Of the others, which move nothing, a number of another joint is none.
+    for what in ("velocity", "effort"):
+        if len(getattr(state, what)) != count:
+            setattr(state, what, np.empty(0))
     return state
 
 
