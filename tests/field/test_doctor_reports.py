@@ -111,3 +111,28 @@ def test_a_frame_in_itself(frame: str) -> None:
     faults = found(lambda n, t: [(frame, frame, t, 0.0, 0.0)])
     assert [*faults] == ["TF106 /tf"]
     assert f"'{frame}'" in faults["TF106 /tf"]
+
+
+@pytest.mark.parametrize("frames", [["velodyne"], ["laser", "camera"]])
+def test_a_mount_that_was_sent_once_as_moving(frames: list[str]) -> None:
+    """RobustFieldAutonomyLab/LeGO-LOAM#230, ApolloAuto/apollo#5447: /tf_static was remapped to /tf,
+    so that lookups at other times than that of its only sample fail."""
+
+    def mounts(number: int, time_s: float) -> Iterable[Row]:
+        if number == 3:
+            yield from (("base", frame, time_s, 0.2, 0.0) for frame in frames)
+
+    assert found(mounts, 150) == {}, "a slow publisher may send again"
+    faults = found(mounts, 300)
+    assert {*faults} == {f"TF104 {frame}" for frame in frames}
+    for evidence in faults.values():
+        assert "its only sample came" in evidence and "as static" in evidence
+
+
+def test_a_recording_that_has_a_pose_of_each_link_is_no_fault() -> None:
+    """As above: nothing continues, so a snapshot of a tree says nothing about its publishers."""
+    facts = RecordedFacts()
+    rows = [("odom", "base", S, pose(1.0, 0.0)), ("base", "arm", 99 * S, pose(0.1, 0.0))]
+    facts.add(S, "/tf", False, TransformRows.of_tuples(rows))
+    facts.add(99 * S, "/tf_static", True, TransformRows.of_tuples([("base", "box", 0, rows[1][3])]))
+    assert diagnose(facts.facts()) == []

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
+import shutil
+import sqlite3
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as Writer1
 
 from tests.recordings.files import TF, Log, _ros_message, _store, write
 from tests.support import command_line
@@ -156,3 +161,102 @@ def test_a_file_that_ends_inside_of_its_index(
     done = command_line.call(capsys, "query", str(path), "odom", "lidar", "--at", "105s", "--json")
     assert json.loads(done.stdout)["translation"][0] == pytest.approx(51)
     assert "lacks its end" in done.stderr
+
+
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
+@pytest.mark.parametrize("chunk", [0, 5])
+def test_a_chunk_that_cannot_be_decompressed(
+    tmp_path: Path, capsys: Capture, chunk: int, compression: CompressionType
+) -> None:
+    """foxglove/mcap#1390: a disk lost some bytes in the middle; what is before and behind them is
+    there, and what was lost is said."""
+    path = mcap(tmp_path / "bad.mcap", compression=compression)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    index = summary.chunk_indexes[chunk]
+    data = bytearray(path.read_bytes())
+    end = index.chunk_start_offset + index.chunk_length
+    data[end - 60 : end - 20] = b"\xff" * 40
+    path.write_bytes(data)
+    done = command_line.call(capsys, "query", str(path), "odom", "lidar", "--at", "104s", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["translation"][0] == pytest.approx(41)
+    assert done.stderr.startswith("zenoh-tf: ")
+
+
+DRIVE: Log = [(100 + i / 10, "/tf", [("odom", "base", 100 + i / 10, float(i))]) for i in range(300)]
+
+
+@pytest.mark.parametrize("left", [0.5, 0.9])
+def test_a_database_that_was_cut_off(tmp_path: Path, capsys: Capture, left: float) -> None:
+    """ros2/rosbag2#1029, #521: "database disk image is malformed" for a file that a full disk or a
+    broken copy had shortened; its rows had to be dumped by hand."""
+    (file,) = write(tmp_path / "log", DRIVE, kind="db3").glob("*.db3")
+    data = file.read_bytes()
+    cut = tmp_path / "cut.db3"
+    cut.write_bytes(data[: round(left * len(data))])
+    done = command_line.call(capsys, "query", str(cut), "odom", "base", "--at", "102s", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["translation"][0] == pytest.approx(20)
+    assert "cut.db3" in done.stderr and "damaged" in done.stderr
+
+
+@pytest.mark.parametrize("has_metadata", [True, False])
+def test_a_database_whose_log_was_not_merged(
+    tmp_path: Path, capsys: Capture, has_metadata: bool
+) -> None:
+    """ros2/rosbag2#395, #521: a recorder that was killed leaves the newest messages in NAME.db3-wal
+    and writes no metadata.yaml."""
+    folder = write(tmp_path / "log", DRIVE, kind="db3")
+    (file,) = folder.glob("*.db3")
+    copied = tmp_path / "copied"
+    copied.mkdir()
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("PRAGMA journal_mode = wal")
+        database.execute("UPDATE messages SET timestamp = timestamp + 1")
+        database.commit()
+        for each in folder.iterdir():
+            if has_metadata or each.suffix != ".yaml":
+                shutil.copy(each, copied)
+    assert any(each.suffix == ".db3-wal" and each.stat().st_size for each in copied.iterdir())
+    for path in (copied, copied / file.name):
+        assert x_at(capsys, path, "+2s", "odom", "base") == pytest.approx(20)
+
+
+def ros1_bag(path: Path, compression: Writer1.CompressionFormat | None) -> bytes:
+    """A bag of many chunks, without its index, as far as it was written before a crash."""
+    store = _store(True)
+    writer = Writer1(path)
+    if compression is not None:
+        writer.set_compression(compression)
+    writer.chunk_threshold = 2000
+    with writer:
+        connection = writer.add_connection("/tf", TF, typestore=store)
+        for log_s, _, rows in DRIVE:
+            data = store.serialize_ros1(_ros_message(store, rows, True), TF)
+            writer.write(connection, round(log_s * S), data)
+    data = path.read_bytes()
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(data[at : at + 8], "little")
+    return data[:at] + bytes(8) + data[at + 8 : index]
+
+
+@pytest.mark.parametrize("compression", [None, *Writer1.CompressionFormat])
+@pytest.mark.parametrize(("name", "lost"), [("2018.bag.active", 0), ("2018.orig.bag", 3000)])
+def test_a_bag_that_needs_reindexing(
+    tmp_path: Path,
+    capsys: Capture,
+    name: str,
+    lost: int,
+    compression: Writer1.CompressionFormat | None,
+) -> None:
+    """ros/ros_comm#1328, #2282, ros-perception/perception_pcl#50: what was recorded before the
+    power went is read without `rosbag reindex`, which writes the whole file or shortens it."""
+    data = ros1_bag(tmp_path / "whole.bag", compression)
+    path = tmp_path / name
+    path.write_bytes(data[: len(data) - lost])
+    done = command_line.call(capsys, "query", str(path), "odom", "base", "--at", "+10s", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["translation"][0] == pytest.approx(100)
+    assert f"{name} lacks its end" in done.stderr

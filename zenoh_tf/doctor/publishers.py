@@ -9,7 +9,7 @@ from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.words import Evidence, authority, listed, times, window
 from zenoh_tf.introspection.explain import is_stopped, stopped_after_s
 from zenoh_tf.text import quoted
-from zenoh_tf.text.times import age
+from zenoh_tf.text.times import CLOCK_RANGE_S, age
 
 #: A link that changes its parent is grasped or released; more often than this, two publishers
 #: disagree.
@@ -26,6 +26,8 @@ _WAIT_S: Final = 0.1
 _SLOW_HZ: Final = 2.5
 _SLOW_SAMPLES: Final = 3
 _FASTER: Final = 20
+#: A link that was sent once is no link of a slow publisher after so long.
+_SENT_ONCE_S: Final = 10.0
 
 
 def two_publishers(facts: TreeFacts) -> Evidence:
@@ -103,6 +105,12 @@ def has_stopped(facts: TreeFacts, link: LinkFacts) -> bool:
 def stopped(facts: TreeFacts) -> Evidence:
     reference, by_clock = facts.reference
     for link in facts.dynamic:
+        if (late_s := _sent_once_ago_s(facts, link)) is not None:
+            yield (
+                link.frame.name,
+                f"its only sample came {age(round(late_s * 1e9))} ago from "
+                f"{authority(link.frame.authority)}; publish it as static if it never moves",
+            )
         if not has_stopped(facts, link):
             continue
         last_ns = None if link.seen is None else link.seen.timing.last_ns
@@ -117,6 +125,24 @@ def stopped(facts: TreeFacts) -> Evidence:
             f"{since}; they came at {link.frame.rate_hz:.1f} Hz "
             f"from {authority(link.frame.authority)}",
         )
+
+
+def _sent_once_ago_s(facts: TreeFacts, link: LinkFacts) -> float | None:
+    """How long ago a link was sent that was never sent again, while another one continues."""
+    frame = link.frame
+    if frame.samples != 1 or frame.rewritten or frame.evicted:
+        return None
+    if not facts.is_complete and facts.grown(link, "version"):
+        return None
+    last_ns = None if link.seen is None else link.seen.timing.last_ns
+    if last_ns is not None:
+        late_s = (facts.now_ns - last_ns) / 1e9
+    else:
+        late_s = (facts.reference[0] - (frame.newest_stamp_ns or 0)) / 1e9
+    if not _SENT_ONCE_S < late_s < CLOCK_RANGE_S:
+        return None
+    others = (each for each in facts.dynamic if each.frame.samples > 1)
+    return None if all(has_stopped(facts, each) for each in others) else late_s
 
 
 def gaps(facts: TreeFacts) -> Evidence:

@@ -34,6 +34,8 @@ class Db3File:
         self._database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True)
         try:
             self._database.text_factory = bytes  # it need not be UTF-8
+            # Else SQLite refuses a file that is shorter than its first page says.
+            self._database.execute("PRAGMA writable_schema = ON")
             self._open(choose)
         except BaseException:
             self.close()
