@@ -26,6 +26,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from bench.large_recording import make
 from tests.recordings.files import TF, write
 from zenoh_tf import TransformTree
 from zenoh_tf._core import TransformRows
@@ -272,6 +273,36 @@ def test_encodings_of_foxglove(
         for _ in recording.messages():
             pass
         assert recording.malformed == 3
+
+
+# --- large chunks
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_few_transforms_in_large_chunks(tmp_path: Path, compression: CompressionType) -> None:
+    """Images and transforms are in the same chunks, as `ros2 bag record` writes them."""
+    path = tmp_path / "large.mcap"
+    count = make(path, 5_000_000, compression)
+    tree = TransformTree.from_recording(path)
+    assert tree.frame("base").samples == count == 40
+    last_ns = tree.latest_common_time("map", "base")
+    assert last_ns == 10**18 + 39 * 4_000_000
+    found = tree.lookup_transform("map", "base", last_ns)
+    assert found.transform.translation[0] == pytest.approx(0.039)
+
+
+def test_a_large_chunk_that_differs_from_its_index(tmp_path: Path) -> None:
+    path = tmp_path / "large.mcap"
+    make(path, 5_000_000)
+    data = bytearray(path.read_bytes())
+    # The log time of a message in the third chunk: then its checksum decides.
+    message = data.index((10**18 + 20 * 4_000_000).to_bytes(8, "little"))
+    data[message] ^= 1
+    path.write_bytes(data)
+    with open_recording(path) as recording:
+        assert sum(len(message.rows) for message in recording.messages()) == 32
+        (warning,) = recording.warnings()
+        assert "a chunk cannot be read: its checksum is wrong" in warning
 
 
 # --- damage

@@ -125,6 +125,21 @@ def test_static_and_moving_topics_of_one_namespace_are_one_source(tmp_path: Path
     assert tree.lookup_latest_transform("x", "y").transform.translation[0] == 2.0
 
 
+@pytest.mark.parametrize("other", ["/b/tf_static", "/tf"])
+def test_the_doctor_sees_what_breaks_a_row_of_repeated_statics(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], other: str
+) -> None:
+    """200,000 messages of the same statics took the doctor 26 s; it skips repetitions now."""
+    same = [("base", "camera", 0.0, 1.0), ("base", "lidar", 0.0, 2.0)]
+    log = [(1.0 + i / 100, "/tf_static", same) for i in range(300)]
+    path = str(write(tmp_path / "same", log))
+    assert call(capsys, "doctor", path).returncode == 0
+    moved = (2.505, other, [("base", "lidar", 2.0, 2.5)])
+    found = call(capsys, "doctor", str(write(tmp_path / "moved", [*log[:150], moved, *log[150:]])))
+    assert found.returncode == 3
+    assert "lidar" in found.stdout and "camera" not in found.stdout
+
+
 POSES: Poses = [
     *(
         (1.0 + i / 100, "/body/pose", TRANSFORM, "world", "body", 4.0 + i / 100, i)

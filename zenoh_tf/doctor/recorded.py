@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,17 @@ _CACHE_S: Final = 10.0
 _REFUSED: Final = 0.01
 
 
+@dataclass(slots=True)
+class _Static:
+    """A static message without its stamps, which say nothing."""
+
+    names: list[str]
+    parent: bytes
+    child: bytes
+    pose: bytes
+    children: set[str] = field(default_factory=set, compare=False)
+
+
 class RecordedFacts:
     """Gathers facts from messages in the order of their log. Its memory does not grow with them.
 
@@ -32,6 +43,8 @@ class RecordedFacts:
         self._observation = Observation()
         self._refused: Counter[str] = Counter()
         self._last_refusal: dict[str, str] = {}
+        self._statics: dict[str, _Static] = {}  # by topic
+        self._writers: dict[str, str] = {}  # of each child frame, the topic that wrote it last
 
     def add(self, log_ns: int, topic: str, static: bool, rows: TransformRows) -> None:
         """Add a message.
@@ -42,21 +55,42 @@ class RecordedFacts:
             static: Its links hold at all times.
             rows: Its transforms, with quaternions as received.
         """
-        norms = np.linalg.norm(rows.pose[:, 3:], axis=1)
         self._observation.came(log_ns)
-        for row, (parent, child) in enumerate(
-            zip(rows.parent.tolist(), rows.child.tolist(), strict=True)
+        if static and self._says_nothing_new(topic, rows):
+            return
+        names, poses = rows.names, rows.pose.copy()
+        norms = np.linalg.norm(poses[:, 3:], axis=1)
+        valid = np.isfinite(poses).all(axis=1) & (np.abs(norms**2 - 1.0) < _REFUSED)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            poses[:, 3:] /= norms[:, None]
+        columns = (rows.parent, rows.child, rows.stamp, norms, valid)
+        for row, (parent, child, stamp_ns, norm, is_valid) in enumerate(
+            zip(*(column.tolist() for column in columns), strict=True)
         ):
-            if not (np.isfinite(rows.pose[row]).all() and abs(norms[row] ** 2 - 1.0) < _REFUSED):
+            self._writers[names[child]] = topic
+            if not is_valid:
                 continue
-            pose = rows.pose[row].copy()
-            pose[3:] /= norms[row]
-            names, stamp_ns = rows.names, int(rows.stamp[row])
             seen = self._observation.add(
-                log_ns, names[child], names[parent], stamp_ns, pose, topic, static=static
+                log_ns, names[child], names[parent], stamp_ns, poses[row], topic, static=static
             )
-            seen.norm_error = max(seen.norm_error, abs(float(norms[row]) - 1.0))
+            seen.norm_error = max(seen.norm_error, abs(norm - 1.0))
+        refused = self._refused[topic]
         self._commit(topic, static, rows)
+        if static and self._refused[topic] > refused:
+            del self._statics[topic]  # each is counted
+
+    def _says_nothing_new(self, topic: str, rows: TransformRows) -> bool:
+        """Whether a static message repeats the one before of its topic, and nobody else has written
+        its links since."""
+        known = self._statics.get(topic)
+        found = _Static(
+            rows.names, rows.parent.tobytes(), rows.child.tobytes(), rows.pose.tobytes()
+        )
+        if known == found and all(self._writers.get(name) == topic for name in known.children):
+            return True
+        found.children = {found.names[child] for child in rows.child.tolist()}
+        self._statics[topic] = found
+        return False
 
     def facts(self) -> TreeFacts:
         """Return the facts about all messages so far."""

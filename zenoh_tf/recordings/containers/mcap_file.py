@@ -1,6 +1,7 @@
 """Reads MCAP files, plain or compressed as a whole.
 
-Complete files are read by their index, without the chunks that have nothing to read. Files that
+Complete files are read by their index, without the chunks, and the parts of large chunks, that have
+nothing to read. Files that
 lack their end, as after a crash, or whose summary is missing, incomplete or damaged are read from
 the beginning, record by record, up to the last one that can be read.
 """
@@ -27,6 +28,7 @@ from .mcap_chunks import (
     McapChannels,
 )
 from .mcap_index import CutOff, is_complete, read_summary
+from .mcap_sparse import messages_by_index
 
 #: Messages outside of chunks that are put in order together.
 _UNCHUNKED: Final = 10_000
@@ -53,6 +55,7 @@ class McapFile:
         self.is_empty = False
         self.message_count: int | None = None
         self._channels = McapChannels(choose)
+        self._wanted: set[int] = set()  # the channels that are read, of the index
         self._chunks: list[Any] | None = None  # the index; None: it is read from the beginning
         self._summary_fault = ""
         self._is_compressed = compressed
@@ -113,6 +116,7 @@ class McapFile:
         for channel in summary.channels.values():
             self._channels.add_channel(channel)
         wanted = {number for number, found in self._channels.channels.items() if found}
+        self._wanted = wanted
         self._chunks = sorted(
             (
                 chunk
@@ -139,7 +143,17 @@ class McapFile:
             if length > MAX_RECORD_BYTES:
                 self.damage.note(f"byte {at:,}", f"a chunk of {length:,} bytes")
                 continue
-            found, fault = self._channels.chunk(self._file.read(length))
+            fault = ""
+            if (listed := messages_by_index(self._file, index, self._wanted)) is not None:
+                channels = self._channels.channels
+                found = [
+                    RawMessage(log_ns, of, data)
+                    for number, log_ns, data in listed
+                    if (of := channels[number])
+                ]
+            else:
+                self._file.seek(at + RECORD.size)
+                found, fault = self._channels.chunk(self._file.read(length))
             if fault:
                 self.damage.note(f"byte {at:,}", fault)
             yield index.message_start_time, found

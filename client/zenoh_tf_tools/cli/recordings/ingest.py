@@ -66,12 +66,10 @@ class Feed:
             # The rows of a put are committed at one instant. A child that changes its parent
             # needs two puts, or the tree may see a loop that never was.
             moved = self._parents.get(row.child_frame, row.parent_frame) != row.parent_frame
-            if static != self._static:
-                # Static links have a key of their own, and the server ingests keys in parallel.
-                self.finish()
-                self._static = static
-            elif moved or len(self._rows) >= _BATCH:
+            # The server ingests all puts of an authority in the order in which they were sent.
+            if static != self._static or moved or len(self._rows) >= _BATCH:
                 self.flush()
+                self._static = static
             self._parents[row.child_frame] = row.parent_frame
             self._rows.append(row)
 
