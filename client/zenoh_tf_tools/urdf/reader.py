@@ -13,7 +13,7 @@ import codecs
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NoReturn
@@ -36,7 +36,9 @@ UNSUPPORTED: Final = ("floating", "planar")
 #: Misspelt names for which similar ones are searched, at a cost of the number of joints each.
 _MAX_HINTS: Final = 3
 _KINDS: Final = ("fixed", *MOVING, *UNSUPPORTED)
-_DECLARED: Final = re.compile(rb"""\s*<\?xml\s[^>]*?\bencoding\s*=\s*["']([\w.:-]+)""")
+#: Other parsers take what stands before the declaration here; expat does not.
+_BEFORE: Final = re.compile(rb"(?:\xef\xbb\xbf)?(?>\s++|<!--(?>.*?-->))*+(?=<\?xml\s)", re.DOTALL)
+_DECLARED: Final = re.compile(rb"""<\?xml\s[^>]*?\bencoding\s*=\s*["']([\w.:-]+)""")
 #: Encodings that expat cannot read before Python 3.15, but Python can.
 _MULTI_BYTE: Final = frozenset(
     ("gb2312", "gbk", "gb18030", "big5", "big5hkscs", "shift_jis", "euc_jp", "euc_kr", "johab")
@@ -153,6 +155,8 @@ def _parse_xml(text: bytes, source: str) -> Element:
 
 def _readable(text: bytes, source: str) -> tuple[bytes, str | None]:
     """The text in an encoding that expat reads, and its name; None: as the text declares."""
+    if before := _BEFORE.match(text):
+        text = text[before.end() :]
     declared = _DECLARED.match(text)
     try:
         name = codecs.lookup(declared[1].decode()).name if declared else ""
@@ -188,9 +192,13 @@ class Part:
         )
 
     def numbers(
-        self, element: Element | None, attribute: str, default: Sequence[float]
+        self,
+        element: Element | None,
+        attribute: str,
+        default: Sequence[float],
+        is_valid: Callable[[float], bool] = math.isfinite,
     ) -> list[float]:
-        """The finite numbers of an attribute, as many as `default` has, which holds if the element
+        """The valid numbers of an attribute, as many as `default` has, which holds if the element
         or the attribute is left out. Raises InvalidArgumentException if they are others."""
         text = None if element is None else element.get(attribute)
         if text is None:
@@ -199,7 +207,7 @@ class Part:
             values = [float(word) for word in text.split()]
         except ValueError:
             values = []
-        if len(values) != len(default) or not all(map(math.isfinite, values)):
+        if len(values) != len(default) or not all(map(is_valid, values)):
             count = {1: "a number", 3: "three numbers", 4: "four numbers"}[len(default)]
             raise self.invalid(f"{attribute}={text[:80]!r} is not {count}")
         return values
@@ -208,6 +216,14 @@ class Part:
         """The pose that the <origin> in an element says; the identity if it has none."""
         origin = element.find("origin")
         xyz = self.numbers(origin, "xyz", (0.0, 0.0, 0.0))
+        if origin is not None and "quat_xyzw" in origin.attrib:  # of URDF 1.1
+            if "rpy" in origin.attrib:
+                raise self.invalid("its <origin> has rpy and quat_xyzw, which say the same")
+            rotation = np.array(self.numbers(origin, "quat_xyzw", (0.0, 0.0, 0.0, 1.0)))
+            length = float(np.linalg.norm(rotation))
+            if not 0.9 < length < 1.1:
+                raise self.invalid(f"quat_xyzw has the length {length:.3f}, not 1")
+            return Transform(xyz, rotation / length)
         roll, pitch, yaw = self.numbers(origin, "rpy", (0.0, 0.0, 0.0))
         return Transform.from_rpy(roll, pitch, yaw, xyz)
 
@@ -228,11 +244,15 @@ def _joint(element: Element, source: str) -> Joint:
     limit = element.find("limit")
     lower, upper = -math.inf, math.inf
     if limit is not None and kind in ("revolute", "prismatic"):
-        [lower] = part.numbers(limit, "lower", (0.0,))  # the default of URDF
-        [upper] = part.numbers(limit, "upper", (0.0,))
+        [lower] = part.numbers(limit, "lower", (0.0,), _is_limit)  # the default of URDF
+        [upper] = part.numbers(limit, "upper", (0.0,), _is_limit)
     mimic = element.find("mimic")
     moved = None if mimic is None or kind not in MOVING else _mimic(mimic, part)
     return Joint(part.name, kind, parent, child, origin, axis, moved, lower, upper)
+
+
+def _is_limit(value: float) -> bool:
+    return not math.isnan(value)  # infinite: there is none
 
 
 def _link(element: Element, tag: str, joint: Part) -> str:
