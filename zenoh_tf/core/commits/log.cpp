@@ -69,6 +69,9 @@ void CommitExecution::log(LogTicket& ticket, const WriteLocks& locks) const {
       entry->add({kind, child, request.rows[write.row].parent, version, write.stamp,
                   plan_.pose(write.row)});
     }
+    // A frame whose rows are all dropped gets the new version nevertheless.
+    if (is_first && plan_.is_first_reparenting())
+      entry->add({ChangeKind::new_version, child, 0, version, 0, {}});
   }
   if (entry->size() == 0) ticket.changes_nothing();
 }
