@@ -102,13 +102,51 @@ class Oracle(Stored):
                     AncestorPath(other.frames[: j + 1], other.poses[:j], None),
                 )
         ends = [end for end in (up.end, other.end) if end is not None]
-        for kind in (errors.LookupException, errors.ExtrapolationException):
-            for end in ends:
-                if isinstance(end, kind):
-                    raise end
+        for end in ends:
+            if isinstance(end, errors.LookupException):
+                raise end
+        if ends:
+            assert stamp_ns is not None
+            raise self._farthest(target, source, stamp_ns) or ends[0]
         raise errors.ConnectivityException(
             target_root=up.frames[-1], source_root=other.frames[-1], stamp_ns=stamp_ns
         )
+
+    def _farthest(
+        self, target: str, source: str, stamp_ns: int
+    ) -> errors.TransformException | None:
+        """Return the error of the link between the frames whose samples are farthest from the
+        time; None if links do not connect them then, also where these have no sample."""
+        up, other = (self._around(frame, stamp_ns) for frame in (target, source))
+        ancestor = next((frame for frame in up if frame in other), None)
+        if ancestor is None:
+            return None
+        farthest, found = 0, None
+        for child in up[: up.index(ancestor)] + other[: other.index(ancestor)]:
+            try:
+                self.at(child, stamp_ns)
+            except errors.ExtrapolationException as error:
+                samples = self.links[child].samples
+                distance = max(samples[0].stamp_ns - stamp_ns, stamp_ns - samples[-1].stamp_ns)
+                if distance > farthest:
+                    farthest, found = distance, error
+        return found
+
+    def _around(self, frame: str, stamp_ns: int) -> list[str]:
+        """Return the frames from a frame up, by links at a time, or where these have no sample then
+        by the nearest one's."""
+        frames = [frame]
+        while len(frames) <= self.max_depth:
+            try:
+                link = self.at(frames[-1], stamp_ns)
+            except errors.ExtrapolationException as error:
+                assert error.parent_frame is not None
+                frames.append(error.parent_frame)
+                continue
+            if link is None:
+                break
+            frames.append(link.parent)
+        return frames
 
     def _join(self, target: str, source: str, stamp_ns: int | None) -> Pose:
         up, other = self.paths(target, source, stamp_ns)

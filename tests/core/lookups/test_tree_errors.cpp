@@ -68,16 +68,38 @@ TEST(nanoseconds_are_kept_exactly) {
   CHECK_EQ(w.code(Op::at, "a", "b", stamp - 1), Code::no_data);
 }
 
-TEST(the_first_broken_link_is_the_targets) {
-  World w;
+// Of several links without a sample the error names the one whose samples are farthest from the
+// time, whichever frame is the target; of equal ones the target's.
+TEST_EACH_MODE(the_link_that_is_farthest_from_the_time_is_named) {
+  World w(c);
   for (const Stamp t : {10, 20}) {
     w.set("root", "l", t);
+    w.set("l", "ll", t + 5);
     w.set("root", "r", t + 100);
+    w.set("top", "root", t + 1000);
   }
-  CHECK_EQ(w.at("l", "r", 50).failure.frame, w.id("l"));
-  CHECK_EQ(w.at("l", "r", 50).failure.code, Code::forward);
-  CHECK_EQ(w.at("r", "l", 50).failure.frame, w.id("r"));
-  CHECK_EQ(w.at("r", "l", 50).failure.code, Code::backward);
+  const auto check = [&](const char* target, const char* source, Stamp stamp, const char* link,
+                         Code code, Stamp oldest) {
+    const Failure failure = w.at(target, source, stamp).failure;
+    CHECK_EQ(failure.code, code);
+    CHECK_EQ(failure.frame, w.id(link));
+    CHECK_EQ(failure.parent, w.tree.parent(w.id(link), kNoStamp));
+    CHECK_EQ(failure.stamp, stamp);
+    CHECK_EQ(failure.oldest, oldest);
+    CHECK_EQ(failure.newest, oldest + 10);
+  };
+  for (const auto& [target, source] : {std::pair{"ll", "r"}, {"r", "ll"}}) {
+    check(target, source, 50, "r", Code::backward, 110);
+    check(target, source, 80, "l", Code::forward, 10);
+    check(target, source, 200, "l", Code::forward, 10);
+    check(target, source, 1, "r", Code::backward, 110);
+    check(target, source, 22, "r", Code::backward, 110);
+  }
+  check("l", "r", 65, "l", Code::forward, 10);
+  check("r", "l", 65, "r", Code::backward, 110);
+  // The link above the common ancestor is not on the path, although a walk that fails reads it.
+  check("root", "ll", 60, "l", Code::forward, 10);
+  check("l", "ll", 60, "ll", Code::forward, 15);
 }
 
 TEST_EACH_MODE(a_cycle_at_a_past_time) {
@@ -150,8 +172,8 @@ TEST_EACH_MODE(failures_count_for_the_link_whose_newest_sample_is_the_oldest) {
   using Counts = std::pair<std::uint64_t, std::uint64_t>;
   CHECK(counted("map", "lidar", now, now, "odom") == Counts(1, 20));
   CHECK(counted("lidar", "map", now, now, "odom") == Counts(1, 20));
-  // The error names the link from map to odom, which the lookup does not need.
-  CHECK_EQ(w.at("odom", "lidar", now).failure.frame, w.id("odom"));
+  // The link from map to odom is older, but the lookup does not need it.
+  CHECK_EQ(w.at("odom", "lidar", now).failure.frame, w.id("base"));
   CHECK(counted("odom", "lidar", now, now, "base") == Counts(1, 10));
   CHECK(counted("base", "lidar", now, now, "base") == Counts(0, 0));  // it succeeds
   // The bounds of what is plausible.

@@ -63,9 +63,11 @@ class UniformHistory {
         end_(frame.first.load(std::memory_order_acquire) +
              frame.count.load(std::memory_order_acquire)) {}
 
-  // True if all samples have one parent, and the time lies between the oldest and the newest.
+  // True if all samples have one parent, and the time lies between the oldest and the newest. No
+  // rate is 1 or more (mean_sample_rate()), but untrusted memory may say so: then the slot that
+  // find() computes would not fit an integer.
   [[nodiscard]] ZTF_ALWAYS_INLINE bool contains(Stamp time) const noexcept {
-    return rate_ > 0 && oldest_ <= time && time < newest_;
+    return rate_ > 0 && rate_ < 1 && oldest_ <= time && time < newest_;
   }
 
   // Sets the samples around a time. Returns false if they are not where the mean rate says.
@@ -162,6 +164,12 @@ class HistoryCursor {
 inline FrameId parent_at(const Frame& frame, Ring ring, std::uint32_t slot) noexcept {
   const auto acquire = std::memory_order_acquire;
   return frame.parent_changes.load(acquire) == 0 ? frame.parent.load(acquire) : ring.parent(slot);
+}
+
+// True if the frame never has another parent than its newest, at any time of its history.
+inline bool has_one_parent(const Frame& frame) noexcept {
+  const auto acquire = std::memory_order_acquire;
+  return frame.is_static.load(acquire) || frame.parent_changes.load(acquire) == 0;
 }
 
 // Returns the oldest stamp that the frame can serve; its only stamp if it is static.

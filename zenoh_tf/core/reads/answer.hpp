@@ -1,6 +1,7 @@
-// Parts of answers that need no reader: codes of failures, and stamps.
+// Parts of answers that need no reader: failures, and stamps.
 //
-// Thread safety: functions of their arguments.
+// Thread safety: any thread. A failure is valid only after the guard has validated the paths that
+// it was made from (reads/guards.hpp).
 #pragma once
 
 #include <algorithm>
@@ -59,6 +60,93 @@ inline Stamp oldest_or_zero(const StampRange& stamps) noexcept {
 inline void set_stamps(const StampRange& stamps, Answer& a) noexcept {
   a.stamp = oldest_or_zero(stamps);
   a.newest = stamps.empty() ? 0 : stamps.newest();
+}
+
+// Returns the parent that a frame without a sample at a time counts as having then: before its
+// history the oldest sample's, else the newest's.
+template <class Access>
+FrameId parent_beyond(const Access& access, const Frame& frame,
+                      LinkLookup::Status status) noexcept {
+  return status == LinkLookup::Status::backward ? oldest_parent(frame, access.ring(frame))
+                                                : frame.parent.load(std::memory_order_acquire);
+}
+
+// A link selector for the link at a time, also beyond the history.
+struct SelectAround {
+  static constexpr bool is_forest = false;
+  Stamp time;
+  template <class Access>
+  LinkLookup operator()(const Access& access, const Frame& frame,
+                        SampleInterval& interval) const noexcept {
+    const LinkLookup link = SelectAt{time}(access, frame, interval);
+    if (link.status == LinkLookup::Status::ok) return link;
+    const FrameId parent = parent_beyond(access, frame, link.status);
+    return {parent == 0 ? LinkLookup::Status::root : LinkLookup::Status::ok, parent};
+  }
+};
+
+// Sets the link that has no sample at the failure's time, and why.
+template <class Access>
+void set_link(const Access& access, const Frame& frame, LinkLookup::Status status,
+              Failure& failure) noexcept {
+  failure.code = code_of(status);
+  failure.frame = access.id_of(&frame);
+  failure.parent = parent_beyond(access, frame, status);
+  failure.oldest = oldest_served_stamp(frame);
+  failure.newest = frame.latest.stamp.load(std::memory_order_acquire);
+}
+
+// Sets the reason why two complete paths have no common frame. If there are several, the order is
+// tf2's: a path that is too deep, then a link without a sample, then unconnected trees.
+template <class Access>
+void report_failure(const Access& access, const AncestorPath& from_target,
+                    const AncestorPath& from_source, Stamp stamp, Answer& a) noexcept {
+  const auto id_of = [&](const Frame* frame) { return access.id_of(frame); };
+  a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
+  a.failure.stamp = stamp;
+  a.failure.target_root = id_of(from_target.highest);
+  a.failure.source_root = id_of(from_source.highest);
+  for (const AncestorPath* path : {&from_source, &from_target})
+    if (path->state == AncestorPath::State::too_deep) {
+      a.failure.code = Code::lookup;
+      a.failure.frame = id_of(path->highest);
+      return;
+    }
+  for (const AncestorPath* path : {&from_target, &from_source})
+    if (path->state == AncestorPath::State::no_sample)
+      return set_link(access, *path->highest, path->failure, a.failure);
+}
+
+// If several links between the two frames have no sample at the failure's time, makes it name the
+// one whose samples are farthest from that time, as tf2 does: mostly the one to wait for. Where the
+// links of that time do not connect the frames, the failure stays as it is. Returns false if the
+// guard demands a retry.
+template <class Access, class Guard>
+[[gnu::noinline, gnu::cold]] bool name_farthest_link(const Access& access, Guard& guard,
+                                                     std::uint32_t max_depth, FrameId target,
+                                                     FrameId source, Answer& a) {
+  if (a.failure.oldest == kNoStamp) return true;  // no link lacks a sample
+  AncestorPath from_source(access.frame(source)), from_target(access.frame(target));
+  Chain chain;
+  Walker<Access, Guard, SelectAround> walker(access, guard, {a.failure.stamp}, max_depth);
+  const WalkResult result = walker.find_chain(from_source, from_target, chain);
+  if (result != WalkResult::reached) return result != WalkResult::retry;
+  std::uint64_t farthest = 0;
+  for (const PathSegment steps : {chain.target, chain.source})
+    for (const PathStep& step : steps) {
+      const Frame& frame = *step.frame;
+      SampleInterval unused;
+      const auto status = find_link(frame, access.ring(frame), a.failure.stamp, unused).status;
+      if (status == LinkLookup::Status::ok || status == LinkLookup::Status::root) continue;
+      const Stamp oldest = oldest_served_stamp(frame);
+      const Stamp newest = frame.latest.stamp.load(std::memory_order_acquire);
+      const std::uint64_t distance = a.failure.stamp < oldest ? span_ns(a.failure.stamp, oldest)
+                                                              : span_ns(newest, a.failure.stamp);
+      if (distance <= farthest) continue;
+      farthest = distance;
+      set_link(access, frame, status, a.failure);
+    }
+  return guard.validate(chain.source) && guard.validate(chain.target);
 }
 
 }  // namespace ztf

@@ -112,11 +112,14 @@ class Reader {
     Answer& a = block.first_answer();
     a.failure.code = Code::ok;
     return with_chain(q.target, q.source, SelectAt{q.stamp}, q.stamp, a, [&](const Chain& chain) {
-      if (never_reparented())
-        with_rings(chain, [&](auto source, auto target) { block.compute(chain, source, target); });
-      else
-        block.leave_unanswered();
-      return true;
+      return with_all_times(chain, [&](bool serves_all_times) {
+        if (serves_all_times)
+          with_rings(chain,
+                     [&](auto source, auto target) { block.compute(chain, source, target); });
+        else
+          block.leave_unanswered();
+        return true;
+      });
     });
   }
 
@@ -131,12 +134,15 @@ class Reader {
     }
     if (q.fixed == q.source) return true;
     return with_chain(q.fixed, q.source, SelectAt{q.at}, q.at, a, [&](const Chain& chain) {
-      if (!serves_all_times(chain)) {
-        result = MotionResult::varies;
-        return true;
-      }
-      return with_rings(chain, [&](std::span<const Ring> source, std::span<const Ring> target) {
-        return motion.copy(chain, source, target, std::min(q.at, q.first), std::max(q.at, q.last));
+      return with_all_times(chain, [&](bool serves_all_times) {
+        if (!serves_all_times) {
+          result = MotionResult::varies;
+          return true;
+        }
+        return with_rings(chain, [&](std::span<const Ring> source, std::span<const Ring> target) {
+          return motion.copy(chain, source, target, std::min(q.at, q.first),
+                             std::max(q.at, q.last));
+        });
       });
     });
   }
@@ -165,7 +171,12 @@ class Reader {
       case WalkResult::exhausted:
         break;
     }
-    report_failure(from_target, from_source, stamp, a);
+    // Before the paths are validated: a frame on them that loses a parent's id gets a new version.
+    const std::uint64_t ids_freed = ids_freed_.load(std::memory_order_acquire);
+    report_failure(access_, from_target, from_source, stamp, a);
+    a.failure.ids_freed = ids_freed;
+    if (stamp != kNoStamp && !name_farthest_link(access_, guard_, max_depth_, target, source, a))
+      return false;
     return validate(from_source) && validate(from_target);
   }
 
@@ -199,14 +210,45 @@ class Reader {
     return !ever_reparented_.load(std::memory_order_seq_cst);
   }
 
-  // True if the chain is that of all times at which its links have samples. Where frames were
-  // reparented, that is sure only if no frame that the walk has read was: those of a direct chain.
-  [[nodiscard]] bool serves_all_times(const Chain& chain) const noexcept {
-    return never_reparented() ||
-           (chain.target.empty() && chain.source.size() <= kDirectLinks &&
-            std::all_of(chain.source.begin(), chain.source.end(), [](const PathStep& step) {
-              return step.frame->parent_changes.load(std::memory_order_acquire) == 0;
-            }));
+  // Calls body(serves_all_times), and validates what that rests on beside the chain: whether the
+  // chain is that of all times at which its links have samples. Returns false if body() does.
+  template <class Body>
+  ZTF_ALWAYS_INLINE bool with_all_times(const Chain& chain, Body&& body) {
+    if (never_reparented()) [[likely]]
+      return body(true);
+    SmallVector<PathStep, 32> above;
+    bool serves = false;
+    return read_above(chain, above, serves) && body(serves) &&
+           guard_.validate({above.begin(), above.size()});
+  }
+
+  // Decides whether a chain serves all times although frames were reparented, and lists in `above`
+  // the frames beside the chain that the decision rests on. Returns false if the guard demands a
+  // retry.
+  //
+  // It does if no frame of the chain, nor of the newest path from the common ancestor to the root,
+  // has samples of two parents. At any time each of these frames has its newest parent or none, and
+  // they include all frames above them. So the walks from both frames stay on their newest paths,
+  // which are simple and meet first in the common ancestor. One frame above with a past parent
+  // could close a loop at that time, back into the chain, and the walks could meet elsewhere. A
+  // direct chain is found before the walk reads the frames above (Walker::find_chain).
+  [[gnu::noinline]] bool read_above(const Chain& chain, SmallVector<PathStep, 32>& above,
+                                    bool& serves) {
+    for (const PathSegment steps : {chain.source, chain.target})
+      for (const PathStep& step : steps)
+        if (!has_one_parent(*step.frame)) return true;
+    serves = chain.target.empty() && chain.source.size() <= kDirectLinks;
+    const Frame* frame = chain.common_ancestor;
+    for (std::uint32_t depth = 0; !serves && depth <= max_depth_; ++depth) {
+      PathStep step{frame, 0, {}};
+      if (!guard_.read_version(*frame, step.version)) return false;
+      above.push_back(step);
+      const FrameId parent = LatestLink(*frame).parent;
+      if (parent != 0 && !has_one_parent(*frame)) return true;
+      serves = parent == 0;
+      frame = access_.frame(parent);
+    }
+    return true;
   }
 
   // Validates a whole path. If it has an end, validates the frame at the end, too.
@@ -236,11 +278,13 @@ class Reader {
     }
     return with_chain(target, source, SelectLatest{}, kNoStamp, a, [&](const Chain& chain) {
       a.stamp = oldest_or_zero(stamps_of(chain));
-      if (!never_reparented() || !move_to_time(chain.source, a.stamp) ||
-          !move_to_time(chain.target, a.stamp))
-        return lookup_at(target, source, a.stamp, a);
-      compose_chain(chain, a.pose);
-      return true;
+      return with_all_times(chain, [&](bool serves_all_times) {
+        if (!serves_all_times || !move_to_time(chain.source, a.stamp) ||
+            !move_to_time(chain.target, a.stamp))
+          return lookup_at(target, source, a.stamp, a);
+        compose_chain(chain, a.pose);
+        return true;
+      });
     });
   }
 
@@ -302,7 +346,7 @@ class Reader {
   }
 
   // Sets the intervals of newest links to an earlier time. Returns false if a link has no sample
-  // then. Requires never_reparented(), because the links must have the same parents at that time.
+  // then. Requires that the chain serves all times (with_all_times()).
   bool move_to_time(PathSegment steps, Stamp time) const noexcept {
     for (PathStep& step : steps) {
       if (step.interval.time == time || step.interval.time == kNoStamp) continue;
@@ -326,37 +370,6 @@ class Reader {
   static bool report_unknown(FrameId target, FrameId source, Answer& a) {
     a = Answer{.failure = {Code::lookup, target, source}};
     return true;
-  }
-
-  // Sets the reason why two complete paths have no common frame. If there are several, the order is
-  // tf2's: a path that is too deep, then a link without a sample, then unconnected trees.
-  void report_failure(const AncestorPath& from_target, const AncestorPath& from_source, Stamp stamp,
-                      Answer& a) const {
-    a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
-    // Before the paths are validated: a frame on them that loses a parent's id gets a new version.
-    a.failure.ids_freed = ids_freed_.load(std::memory_order_acquire);
-    a.failure.stamp = stamp;
-    a.failure.target_root = id_of(from_target.highest);
-    a.failure.source_root = id_of(from_source.highest);
-    for (const AncestorPath* path : {&from_source, &from_target})
-      if (path->state == AncestorPath::State::too_deep) {
-        a.failure.code = Code::lookup;
-        a.failure.frame = id_of(path->highest);
-        return;
-      }
-    for (const AncestorPath* path : {&from_target, &from_source})
-      if (path->state == AncestorPath::State::no_sample) {
-        const Frame& frame = *path->highest;
-        a.failure.code = code_of(path->failure);
-        a.failure.frame = id_of(path->highest);
-        // A time before the history gets the oldest sample's parent, one after it the newest's.
-        a.failure.parent = path->failure == LinkLookup::Status::backward
-                               ? oldest_parent(frame, access_.ring(frame))
-                               : frame.parent.load(std::memory_order_acquire);
-        a.failure.oldest = oldest_served_stamp(frame);
-        a.failure.newest = frame.latest.stamp.load(std::memory_order_acquire);
-        return;
-      }
   }
 
   const Access access_;

@@ -1,7 +1,7 @@
 // One pair of frames at many times: a block of lookups in one transaction.
 //
 // The chain between the frames is found once, for the block's first time, and serves all its times.
-// That holds as long as no frame's history had samples of two parents (Reader::never_reparented()).
+// Reader::with_all_times() decides whether it does.
 // A row that the block leaves unanswered, because a link has no sample at its time, needs an
 // ordinary lookup, which reports the reason.
 //
