@@ -168,3 +168,31 @@ TEST(a_two_phase_writer_gets_its_turn_among_readers) {
   threads.join();
   CHECK(at_end < kMaxLookups);
 }
+
+// A commit that copies a history, because the ring is full or a row is late, has copied it before
+// readers wait.
+TEST_EACH_MODE(readers_wait_for_no_copy_of_a_history) {
+  const auto check = [&](const std::vector<Set>& sets) {
+    World w(Options{.cache_ns = 1'000'000, .concurrency = c});
+    constexpr int kSamples = 4096;  // fill a ring
+    std::vector<Set> history;
+    for (Stamp stamp = 1; stamp <= kSamples; ++stamp) history.push_back({"map", "a", 10 * stamp});
+    w.accept(history);
+    const std::uint64_t before = w.tree.memory_bytes();
+    int waits = 0;
+    const FrameId id = w.id("a");
+    const std::function<void()> look = [&] {
+      if (!(w.tree.version(id) & SeqLock::kWriting)) return;
+      ++waits;
+      CHECK(w.tree.memory_bytes() > before);
+    };
+    yield_hook = &look;
+    w.accept(sets);
+    yield_hook = nullptr;
+    CHECK(waits > 0);
+    CHECK_EQ(w.info("a").samples, kSamples + sets.size());
+  };
+  check({{"map", "a", 50'000}});
+  check({{"map", "a", 50'000}, {"map", "a", 50'001}});
+  check({{"map", "a", 10'005}});
+}

@@ -325,3 +325,34 @@ TEST(a_ring_that_was_given_back_is_used_again) {
   CHECK(&Ring::make(16, memory).sample(0) != &c.sample(0));
   CHECK(memory.bytes() > bytes);
 }
+
+// Long histories: places are searched for, and what the cache time prunes is dropped at once.
+TEST(a_long_history_is_that_of_a_sorted_map) {
+  std::mt19937_64 generator(11);
+  History h(20'000, 1u << 14, 0xFFFFFFF0u);
+  Model model{h.limits};
+  const auto put = [&](Stamp stamp, FrameId parent) {
+    CHECK(h.put(stamp, parent, static_cast<double>(stamp % 97)) ==
+          model.put(stamp, parent, static_cast<double>(stamp % 97)));
+  };
+  for (Stamp stamp = 0; stamp < 20'000; stamp += 5) put(stamp, 1);
+  for (int i = 0; i < 200; ++i) put(static_cast<Stamp>(generator() % 20'000), 1);
+  model.check_samples(h);
+  put(35'000, 1);  // prunes some thousand samples
+  model.check_samples(h);
+  put(36'000, 2);
+  put(54'001, 2);  // the same with samples of two parents
+  model.check_samples(h);
+  put(90'000, 2);  // and all
+  model.check_samples(h);
+  CHECK_EQ(h.frame->count.load(), 1u);
+}
+
+TEST(one_late_sample_is_merged_where_it_would_move_many) {
+  History h(1'000'000, 1u << 14);
+  for (Stamp stamp = 0; stamp < 60'000; stamp += 10) h.put(stamp, 1);  // 6,000 samples
+  CHECK(!should_merge(*h.frame, 59'000, 1));
+  CHECK(!should_merge(*h.frame, 50'001, 1));  // a merge would copy six times as many as it moves
+  CHECK(should_merge(*h.frame, 5, 1));
+  CHECK(!should_merge(*h.frame, 10, 1));  // replaces a sample, and moves none
+}

@@ -288,6 +288,16 @@ void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
              std::to_string(oldest) + " ns on");
 }
 
+// Whether prepare_ring() may have to copy the samples of a group's frame.
+bool CommitPlan::may_copy_history(const FrameWrites& group) const noexcept {
+  const auto relaxed = std::memory_order_relaxed;
+  const Frame& frame = *group.frame;
+  const std::uint32_t count = frame.count.load(relaxed);
+  return !request_.is_static && count != 0 &&
+         (needs_larger_ring(frame, count, group.end - group.begin, limits_) ||
+          writes_[group.begin].stamp <= frame.latest.stamp.load(relaxed));
+}
+
 void CommitPlan::reserve_memory() {
   names_.reserve();
   if (request_.is_static) return;

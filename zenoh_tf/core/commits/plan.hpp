@@ -110,8 +110,11 @@ class CommitPlan {
   [[nodiscard]] PreparedRing& prepared_ring(const FrameWrites& group) noexcept {
     return prepared_rings_[group.ring - 1];
   }
-  // True if planning takes so long that readers should continue meanwhile.
-  [[nodiscard]] bool is_long() const noexcept { return writes_.size() > kLong; }
+  // True if planning takes so long that readers should continue meanwhile. Requires
+  // resolve_and_group(). It needs no lock: if another writer interferes, readers may wait longer.
+  [[nodiscard]] bool is_long() const noexcept {
+    return writes_.size() > kLong || (groups_.size() == 1 && may_copy_history(groups_[0]));
+  }
   // How many rows are dropped because they are later than the request's max_stamp.
   [[nodiscard]] std::uint32_t from_future() const noexcept { return from_future_; }
   [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
@@ -144,6 +147,7 @@ class CommitPlan {
   [[nodiscard]] std::uint32_t limit_of_depths() const noexcept;
   [[noreturn]] void reject_cycle(const FrameWrites& last);
   [[noreturn]] void reject_depth() const;
+  [[nodiscard]] bool may_copy_history(const FrameWrites& group) const noexcept;
   void reserve_memory();
   void prepare_ring(FrameWrites& group);
   void give_back_rings() noexcept;

@@ -22,8 +22,8 @@ namespace ztf {
 class WriteLocks {
  public:
   // Waits for the locks of these frames. For a single frame the same step begins the write, as its
-  // readers wait hardly longer then; unless the plan is long. Requires that the list outlives this
-  // object. Throws bad_alloc.
+  // readers wait hardly longer then; unless the plan is long (CommitPlan::is_long()). Requires that
+  // the list outlives this object. Throws bad_alloc.
   WriteLocks(TreeState& tree, const FrameList& ascending, bool long_plan = false)
       : tree_(tree), frames_(ascending), readers_may_read_(long_plan || ascending.size() > 1) {
     // Allocates before the first lock, because a constructor that throws would unlock nothing.

@@ -16,6 +16,21 @@ std::uint32_t capacity_for(Ring ring, std::uint64_t samples) noexcept {
   return capacity;
 }
 
+// Returns how many of the indices from 0 on, and below `count`, have the property. Requires that
+// none has it after one that has not.
+template <class Has>
+std::uint32_t count_before(std::uint32_t count, Has&& has) noexcept {
+  std::uint32_t low = 0, high = count;
+  while (low < high) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    if (has(middle))
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low;
+}
+
 }  // namespace
 
 PreparedRing grown_ring(const Frame& frame, std::uint32_t extra, const HistoryLimits& limits,
@@ -115,18 +130,19 @@ void publish_ring(Frame& frame, PreparedRing& prepared) noexcept {
 
 bool should_merge(const Frame& frame, Stamp oldest_new, std::uint32_t samples) noexcept {
   constexpr std::uint64_t kMoves = 4;  // inserting may move so many samples for each one merged
+  // Readers wait for about 7 us while so many samples are moved. They do not wait for a merge,
+  // which may cost the writer kMoves times as much.
+  constexpr std::uint64_t kLongMove = 1024;
   const auto relaxed = std::memory_order_relaxed;
   const std::uint32_t count = frame.count.load(relaxed);
-  if (samples < 2 || count == 0 || oldest_new > frame.latest.stamp.load(relaxed)) return false;
+  if (samples == 0 || count == 0 || oldest_new > frame.latest.stamp.load(relaxed)) return false;
   const Ring ring = frame.ring.load(relaxed);
   const std::uint32_t first = frame.first.load(relaxed);
-  std::uint32_t low = 0, high = count;  // the samples before `low` are not newer, those from `high`
-  while (low < high) {
-    const std::uint32_t middle = low + (high - low) / 2;
-    (ring.stamp(first + middle) <= oldest_new ? low : high) =
-        ring.stamp(first + middle) <= oldest_new ? middle + 1 : middle;
-  }
-  const std::uint64_t moved = count - low;
+  const std::uint32_t place =
+      count_before(count, [&](std::uint32_t i) { return ring.stamp(first + i) <= oldest_new; });
+  const std::uint64_t moved = count - place;
+  if (samples == 1 && place > 0 && ring.stamp(first + place - 1) == oldest_new) return false;
+  if (moved > kLongMove && moved * kMoves >= count) return true;
   return moved * samples > kMoves * (std::uint64_t{count} + samples);
 }
 
@@ -156,9 +172,18 @@ InsertResult insert_late(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
 std::uint32_t RingEdit::find_place(Ring ring, std::uint32_t first, std::uint32_t count,
                                    Stamp stamp) noexcept {
   // Starts at the newest sample, as most late samples are newer than all but a few.
+  constexpr std::uint32_t kFew = 16;
   std::uint32_t place = count;
-  while (place > 0 && ring.stamp(first + place - 1) > stamp) --place;
-  return place;
+  const std::uint32_t end = count - std::min(count, kFew);
+  while (place > end && ring.stamp(first + place - 1) > stamp) --place;
+  if (place > end) return place;
+  return count_before(end, [&](std::uint32_t i) { return ring.stamp(first + i) <= stamp; });
+}
+
+std::uint32_t RingEdit::count_too_old(Ring ring, std::uint32_t first, std::uint32_t count,
+                                      Stamp newest, std::uint64_t cache_ns) noexcept {
+  return count_before(
+      count, [&](std::uint32_t i) { return too_old(ring.stamp(first + i), newest, cache_ns); });
 }
 
 void RingEdit::fill_in_parents(Ring ring, std::uint32_t first, std::uint32_t count,

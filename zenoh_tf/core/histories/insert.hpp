@@ -126,8 +126,9 @@ PreparedRing merged_ring(const Frame& frame, bool cleared, std::span<const NewSa
 // Gives the frame the prepared ring, and sets `prepared.ring` to the one that it had, or to none.
 void publish_ring(Frame& frame, PreparedRing& prepared) noexcept;
 
-// True if samples from this stamp on are so late, and so many, that merging them costs less than
-// inserting each. Requires the write lock.
+// True if samples from this stamp on should be merged instead of inserted: they are so late, and so
+// many, that it costs less, or they would move so many samples that readers would wait for long.
+// Requires the write lock.
 bool should_merge(const Frame& frame, Stamp oldest_new, std::uint32_t samples) noexcept;
 
 // Prefetches the slots that an insert of a newer sample stores to and reads. Requires no lock: if
@@ -203,7 +204,11 @@ class RingEdit {
   // the last stores of an insert.
   ZTF_ALWAYS_INLINE void prune_and_publish(Frame& frame, Stamp newest,
                                            std::uint64_t cache_ns) noexcept {
-    while (too_old(oldest_, newest, cache_ns)) drop_oldest();
+    if (too_old(oldest_, newest, cache_ns)) {
+      drop_oldest();
+      if (too_old(oldest_, newest, cache_ns)) [[unlikely]]
+        drop_older(newest, cache_ns);
+    }
     const auto release = std::memory_order_release;
     frame.is_static.store(false, release);
     frame.parent_changes.store(parent_changes_, release);
@@ -215,9 +220,23 @@ class RingEdit {
   }
 
  private:
+  // Drops all samples older than the cache time.
+  void drop_older(Stamp newest, std::uint64_t cache_ns) noexcept {
+    if (has_parents_) {
+      while (too_old(oldest_, newest, cache_ns)) drop_oldest();
+      return;
+    }
+    const std::uint32_t dropped = count_too_old(ring_, first_, count_, newest, cache_ns);
+    first_ += dropped;
+    count_ -= dropped;
+    oldest_ = stamp(0);
+  }
+
   // The rare parts. They are static, so that the members of a RingEdit can stay in registers.
   static std::uint32_t find_place(Ring ring, std::uint32_t first, std::uint32_t count,
                                   Stamp stamp) noexcept;
+  static std::uint32_t count_too_old(Ring ring, std::uint32_t first, std::uint32_t count,
+                                     Stamp newest, std::uint64_t cache_ns) noexcept;
   static void fill_in_parents(Ring ring, std::uint32_t first, std::uint32_t count,
                               FrameId parent) noexcept;
   // Moves the samples in the slots from `begin` up to `end` by one slot.

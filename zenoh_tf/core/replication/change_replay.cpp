@@ -246,12 +246,14 @@ void ChangeReplay::write(const ChangeColumns& changes, const Target& target,
 // Returns whether the changes of a frame take so long that its readers should continue meanwhile:
 // they store many samples from nothing, or move many more than they store (should_merge()).
 bool ChangeReplay::needs_draft(const ChangeColumns& changes, const Target& target) const {
-  constexpr std::uint32_t kFew = 16, kMoves = 4;
-  if (target.samples <= kFew) return false;
+  constexpr std::uint32_t kFew = 16, kShort = 1024, kMoves = 4;
   const Frame& frame = tree_.frames[target.id];
   const std::uint32_t count = frame.count.load(std::memory_order_relaxed);
+  if (target.samples <= kFew && count <= kShort) return false;
   const ChangeKind first = changes.kind[steps_[target.begin].change];
-  if (count == 0 || first == ChangeKind::cleared || first == ChangeKind::removed) return true;
+  if (target.samples > kFew &&
+      (count == 0 || first == ChangeKind::cleared || first == ChangeKind::removed))
+    return true;
   const Stamp newest = frame.latest.stamp.load(std::memory_order_relaxed);
   Stamp oldest = newest;
   std::uint32_t late = 0;
