@@ -179,6 +179,11 @@ class CountingWaiter final : public Waiter {
   CountingWaiter(const World& w, Op op, std::string_view target, std::string_view source,
                  Stamp stamp = kNoStamp)
       : Waiter({op, 0, 0, stamp}, target, source), tree_(w.tree) {}
+  // From the source at its time, through the fixed frame, to the target at its time.
+  CountingWaiter(const World& w, std::string_view target, Stamp target_stamp,
+                 std::string_view fixed, std::string_view source, Stamp source_stamp)
+      : Waiter({Op::full, 0, 0, target_stamp, 0, source_stamp}, target, source, fixed),
+        tree_(w.tree) {}
   ~CountingWaiter() override { cancel(); }
 
   bool lookup_or_park() { return tree_.lookup_or_park(*this); }

@@ -189,3 +189,44 @@ TEST(a_wait_for_a_time_before_a_full_history_fails) {
   CHECK(late.code() == Code::backward);
   CHECK_EQ(w.tree.wait_list().size(), 0u);
 }
+
+// A lookup at two times fails for good as soon as one of its halves does, whichever it waits for.
+TEST(a_wait_at_two_times_ends_when_either_leaves_the_history) {
+  const auto fill = [](World& w) {
+    for (const char* child : {"a", "b"})
+      for (const Stamp stamp : {1000, 1050}) w.set("map", child, stamp);
+  };
+  // The target's half is waited for, the source's becomes impossible.
+  World w(short_cache());
+  fill(w);
+  CountingWaiter target(w, "b", 2000, "map", "a", 1010), source(w, "b", 1010, "map", "a", 2000);
+  CHECK(!target.lookup_or_park());
+  CHECK(!source.lookup_or_park());
+  for (const Stamp stamp : {1060, 1070}) w.set("map", "a", stamp);
+  CHECK_EQ(target.woken, 0);
+  CHECK_EQ(source.woken, 0);
+  w.set("map", "a", 1200);
+  CHECK_EQ(target.woken, 1);
+  CHECK_EQ(source.woken, 0);
+  CHECK(target.lookup_or_park());
+  CHECK(target.code() == Code::no_data);
+  // And the other way round.
+  w.set("map", "b", 1200);
+  CHECK_EQ(source.woken, 1);
+  CHECK(source.lookup_or_park());
+  CHECK(source.code() == Code::no_data);
+  CHECK_EQ(w.tree.wait_list().size(), 0u);
+}
+
+TEST(a_wait_at_two_times_is_woken_once_by_a_frame_of_both_halves) {
+  World w(short_cache());
+  for (const Stamp stamp : {1000, 1050}) w.set("map", "base", stamp), w.set("base", "arm", stamp);
+  CountingWaiter waiter(w, "arm", 1020, "map", "arm", 1060);
+  CHECK(!waiter.lookup_or_park());
+  w.set("map", "base", 1060);
+  w.tree.clear(false);
+  CHECK_EQ(waiter.woken, 1);
+  CHECK(!waiter.lookup_or_park());
+  CHECK(waiter.cancel());
+  CHECK_EQ(w.tree.wait_list().size(), 0u);
+}

@@ -261,3 +261,15 @@ TEST(a_snapshot_among_writers_becomes_the_tree) {
   }
   CHECK(orphans > 0);
 }
+
+TEST(a_wake_before_the_wait_ends_it) {
+  World w(Options{.max_log_bytes = kLogBytes});
+  ChangeLog& log = *w.tree.change_log();
+  (void)log.start();
+  using namespace std::chrono_literals;
+  log.wake();
+  log.wait(ChangeLog::Clock::now() + 1h);
+  log.wake();
+  log.wait(ChangeLog::Clock::now() + 1h);
+  log.wait(ChangeLog::Clock::now());  // without one, until the deadline
+}

@@ -97,10 +97,11 @@ void ChangeLog::stop() noexcept {
 void ChangeLog::wait(Clock::time_point deadline) {
   if (is_there()) return;
   std::unique_lock lock(mutex_);
-  woken_ = false;
   waiting_.store(true, std::memory_order_seq_cst);
   if (!is_there()) changed_.wait_until(lock, deadline, [&] { return woken_; });
   waiting_.store(false, std::memory_order_relaxed);
+  // Only here, so that a wake() before the call is not lost.
+  woken_ = false;
 }
 
 ChangeLog::Taken ChangeLog::take(std::size_t most_bytes) {

@@ -19,6 +19,8 @@ constexpr Stamp kNever = std::numeric_limits<Stamp>::max();
 class WaitList::WokenList {
  public:
   void add(Waiter* waiter) noexcept {
+    if (waiter->is_woken_) return;  // parked twice under this frame
+    waiter->is_woken_ = true;
     waiter->next_woken_ = nullptr;
     *end_ = waiter;
     end_ = &waiter->next_woken_;
@@ -42,10 +44,10 @@ class WaitList::WokenList {
   Waiter** end_ = &first_;
 };
 
-void WaitList::park(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
+void WaitList::park(Waiter& waiter, std::span<const Part> parts, std::size_t max_links) {
   const auto lock = lock_announced(mutex_);
   try {
-    park_on_all(waiter, reads, max_links);
+    park_on_all(waiter, parts, max_links);
   } catch (...) {
     if (waiter.parked_) unpark(waiter);
     throw;
@@ -59,40 +61,38 @@ bool WaitList::cancel(Waiter& waiter) {
   return true;
 }
 
-void WaitList::park_on_all(Waiter& waiter, const ReadSet& reads, std::size_t max_links) {
-  SmallVector<FrameId, 64> frames;
-  for (const ReadVersion& read : reads) frames.push_back(read.frame);
-  std::sort(frames.begin(), frames.end());
-  const FrameId* const end = std::unique(frames.begin(), frames.end());
-  const auto links = static_cast<std::size_t>(end - frames.begin());
+void WaitList::park_on_all(Waiter& waiter, std::span<const Part> parts, std::size_t max_links) {
+  std::vector<std::vector<FrameId>> frames(parts.size());
+  std::size_t links = 0;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    for (const ReadVersion& read : parts[i].reads) frames[i].push_back(read.frame);
+    std::sort(frames[i].begin(), frames[i].end());
+    frames[i].erase(std::unique(frames[i].begin(), frames[i].end()), frames[i].end());
+    links += frames[i].size();
+  }
   if (links > max_links || links_ > max_links - links)
     throw Rejected{.code = Code::limit, .message = "waiting lookups watch too many frames"};
   waiter.on_frames_.reserve(links);
   waiter.on_names_.reserve(3);
   waiter.parked_ = true;
   size_.fetch_add(1, std::memory_order_seq_cst);
-  for (const FrameId* frame = frames.begin(); frame != end; ++frame) park_on_frame(waiter, *frame);
+  for (std::size_t i = 0; i < parts.size(); ++i)
+    for (const FrameId frame : frames[i]) park_on_frame(waiter, frame, parts[i]);
   const Query& query = waiter.query_;
   park_on_name(waiter, query.target, waiter.target_);
   park_on_name(waiter, query.source, waiter.source_);
   park_on_name(waiter, query.fixed, waiter.fixed_);
 }
 
-void WaitList::park_on_frame(Waiter& waiter, FrameId frame) {
+void WaitList::park_on_frame(Waiter& waiter, FrameId frame, const Part& part) {
   using Role = Waiter::Role;
-  const Query& query = waiter.query_;
-  const Stamp failed_at = waiter.answer_.failure.stamp;
-  // Any sample may move the latest common time.
-  const bool any_sample =
-      query.op == Op::latest_common ||
-      (query.op == Op::full && (query.stamp == kNoStamp || query.source_stamp == kNoStamp));
   Role role = Role::lacks_sample;
   Stamp stamp = kNoStamp;
-  if (failed_at == kNoStamp) {  // the newest links do not connect the frames
+  if (part.time == kNoStamp) {
     if (read_parent(records_, frame, kNoStamp) != 0) role = Role::on_path, stamp = kNever;
-  } else if (!any_sample) {
-    role = read_parent(records_, frame, failed_at) == 0 ? Role::lacks_sample : Role::on_path;
-    stamp = failed_at;
+  } else if (!part.any_sample) {
+    role = read_parent(records_, frame, part.time) == 0 ? Role::lacks_sample : Role::on_path;
+    stamp = part.time;
   }
   const auto at = frames_.try_emplace(frame).first;
   try {
@@ -125,7 +125,7 @@ void WaitList::unpark(Waiter& waiter) noexcept {
   links_ -= waiter.on_frames_.size();
   waiter.on_frames_.clear();
   waiter.on_names_.clear();
-  waiter.parked_ = false;
+  waiter.parked_ = waiter.is_woken_ = false;
   size_.fetch_sub(1, std::memory_order_seq_cst);
 }
 

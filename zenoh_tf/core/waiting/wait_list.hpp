@@ -93,7 +93,8 @@ class Waiter {
 
   // Guarded by the list's mutex.
   bool parked_ = false;
-  std::vector<ParkedOnFrame> on_frames_;  // each frame once
+  bool is_woken_ = false;                 // in a list of waiters to be woken
+  std::vector<ParkedOnFrame> on_frames_;  // each frame once for each part (WaitList::park())
   std::vector<ByName::iterator> on_names_;
   Waiter* next_woken_ = nullptr;
 };
@@ -104,10 +105,17 @@ class WaitList {
   WaitList(const Options& options, const Frame* frames, const FrameEvents* events)
       : options_(options), records_(frames), events_(events), waiters_(options.max_ids() + 1) {}
 
-  // Parks the waiter under the frames that its failed lookup has read, and under the names that it
-  // misses: step W1. Throws bad_alloc, and Rejected if all waiters together would be parked on more
-  // than `max_links` frames; then the waiter is not parked.
-  void park(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
+  // What a lookup rests on at one time. A `full` lookup at two times has two parts, and fails for
+  // good as soon as one of them does, whichever it lacks now.
+  struct Part {
+    const ReadSet& reads;
+    Stamp time;       // kNoStamp: the newest links do not connect the frames
+    bool any_sample;  // any sample may help, as it may move the latest common time
+  };
+  // Parks the waiter under the frames of all parts, and under the names that it misses: step W1.
+  // Throws bad_alloc, and Rejected if all waiters together would be parked on more than `max_links`
+  // frames; then the waiter is not parked.
+  void park(Waiter& waiter, std::span<const Part> parts, std::size_t max_links);
   // Returns whether the waiter was still parked. If so, notify() will not be called any more.
   bool cancel(Waiter& waiter);
 
@@ -149,8 +157,8 @@ class WaitList {
   class WokenList;
   using Frames = std::unordered_map<FrameId, FrameWaiters>;
 
-  void park_on_all(Waiter& waiter, const ReadSet& reads, std::size_t max_links);
-  void park_on_frame(Waiter& waiter, FrameId frame);
+  void park_on_all(Waiter& waiter, std::span<const Part> parts, std::size_t max_links);
+  void park_on_frame(Waiter& waiter, FrameId frame, const Part& part);
   void park_on_name(Waiter& waiter, FrameId id, std::string_view name);
   void unpark(Waiter& waiter) noexcept;
   void erase_if_empty(Frames::iterator frame) noexcept;
