@@ -207,6 +207,8 @@ TEST(what_cannot_be_read_is_refused_with_a_reason) {
   mentions(refusal_after([](RegionHeader& h) { h.boot_id[0] ^= 1; }), "boot");
   mentions(refusal_after([](RegionHeader& h) { h.time_namespace ^= 1; }), "clock");
   mentions(refusal_after([](RegionHeader& h) { h.max_depth = ~0u; }), "limits");
+  mentions(refusal_after([](RegionHeader& h) { h.concurrency = 3; }), "limits");
+  mentions(refusal_after([](RegionHeader& h) { h.max_authorities += 1 << 16; }), "limits");
   mentions(refusal_after([](RegionHeader& h) { h.max_frames = 1u << 30; }), "outside");
   mentions(refusal_after([](RegionHeader& h) { h.frames += 64; }), "outside");
   mentions(refusal_after([](RegionHeader& h) { h.frames = ~0ull << 7; }), "outside");
@@ -291,4 +293,51 @@ TEST(random_bytes_neither_crash_a_reader_nor_hold_it_up) {
       CHECK(tree.find(name_of(static_cast<unsigned>(i))) <= tree.options().max_frames);
     }
   }
+}
+
+// Readers map the region, and could defeat the randomisation of addresses.
+TEST(a_region_holds_no_address_of_its_owner) {
+  World world(shared());
+  const auto frame = [](int n) {
+    return "a_frame_whose_name_does_not_fit_into_its_entry_" + nth("", n);
+  };
+  for (int n = 0; n < 40; ++n)
+    for (Stamp stamp = 1; stamp < 40; ++stamp) world.set("map", frame(n), stamp);
+  for (int n = 0; n < 40; ++n) (void)world.remove(frame(n), true);
+  for (int n = 0; n < 30; ++n) world.set("map", frame(n + 100), 1);  // uses free ones again
+  const auto& header = world.tree.state().region.header();
+  const std::uint64_t begin = reinterpret_cast<std::uintptr_t>(&header), end = begin + header.bytes;
+  const auto* const words = reinterpret_cast<const std::uint64_t*>(&header);
+  std::size_t addresses = 0;
+  for (std::uint64_t i = 0; i < header.used / 8; ++i)
+    addresses += words[i] >= begin && words[i] < end;
+  CHECK_EQ(addresses, 0u);
+}
+
+TEST(a_rate_that_no_history_has_is_not_followed) {
+  Bare bare;
+  const SharedTree tree(bare.region.descriptor());
+  Frame& frame = bare.region.frames()[2];
+  frame.parent = 1;
+  frame.count = 1000;
+  frame.oldest_stamp = 0;
+  frame.latest.stamp = 1'000'000;
+  Answer answer;
+  for (const double rate : {1.0, 1e18, 1e300, static_cast<double>(INFINITY)}) {
+    frame.samples_per_ns = rate;
+    tree.lookup({Op::at, 1, 2, 500}, answer);  // any answer, but no undefined conversion
+    CHECK(answer.failure.code == Code::ok || answer.failure.frame == 2);
+  }
+}
+
+TEST(any_lease_is_one_that_has_ended_or_not) {
+  Bare bare;
+  const SharedTree tree(bare.region.descriptor());
+  using Limits = std::numeric_limits<std::int64_t>;
+  for (const std::int64_t lease : {Limits::min(), Limits::min() + 1, std::int64_t{-1}}) {
+    bare.region.header().lease_ns = lease;
+    CHECK(unanswered([&] { tree.check_lease(); }) == Reason::lapsed);
+  }
+  bare.region.header().lease_ns = Limits::max();
+  CHECK(!unanswered([&] { tree.check_lease(); }));
 }

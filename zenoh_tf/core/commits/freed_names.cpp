@@ -136,6 +136,8 @@ void log_orphans(const TreeState& tree, LogTicket& ticket, const WriteLocks& loc
 void free_removed_names(TreeState& tree) {
   if (tree.names.removed_names() == 0) return;
   LongWait::announce();
+  // The records of all ids get a version below. Without memory on the host it is this that fails.
+  tree.region.allocate_records(tree.names.max_size());
   FrameList frames;  // those without a name, and those that refer to one
   for (FrameId id = 1; id <= tree.names.size(); ++id)
     if (tree.names.removed(id) || refers_to_removed(tree, id)) frames.push_back(id);

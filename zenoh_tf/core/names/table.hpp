@@ -221,7 +221,8 @@ class NameTable : private NameReader<> {
     entry.state.store((state + NameEntry::kIncrement) | live, release);
   }
 
-  // Texts of long names have a power of two of words, and a list of the free ones of each size.
+  // Texts of long names have a power of two of words, and a list of the free ones of each size. The
+  // first word of a free one is the distance to the next, or 0.
   static constexpr std::size_t kLeastWords = 4;
   static std::size_t size_class(std::size_t bytes) noexcept {
     return static_cast<std::size_t>(std::bit_width((bytes + 7) / 8 - 1));
@@ -229,7 +230,11 @@ class NameTable : private NameReader<> {
   NameWord* take_text(std::size_t bytes) noexcept {
     NameWord*& free_text = free_texts_[size_class(bytes)];
     if (NameWord* const text = free_text) {
-      free_text = reinterpret_cast<NameWord*>(text->load(std::memory_order_relaxed));
+      const std::uint64_t to_next = text->load(std::memory_order_relaxed);
+      free_text =
+          to_next == 0
+              ? nullptr
+              : reinterpret_cast<NameWord*>(reinterpret_cast<std::uintptr_t>(text) + to_next);
       return text;
     }
     const std::size_t words = std::size_t{1} << size_class(bytes);
@@ -239,7 +244,7 @@ class NameTable : private NameReader<> {
   }
   void give_back_text(NameWord* text, std::size_t bytes) noexcept {
     NameWord*& free_text = free_texts_[size_class(bytes)];
-    text->store(reinterpret_cast<std::uint64_t>(free_text), std::memory_order_release);
+    text->store(free_text ? distance(text, free_text) : 0, std::memory_order_release);
     free_text = text;
   }
 

@@ -21,8 +21,8 @@
 //   NameRoot::entries   from the root to the entries
 //   NameEntry::words    from the entry to its text, if that is longer than 24 bytes
 // A process that reads another's memory must check each before it follows it
-// (shared/mapped_memory.hpp). Words that only the owner follows, such as the lists of free rings,
-// may hold addresses.
+// (shared/mapped_memory.hpp). Free rings and texts are linked by distances, too, so that no reader
+// learns an address of the owner.
 //
 // Thread safety: constant words are written before the region is handed out. All others are
 // atomics, each written as its comment says.

@@ -31,8 +31,9 @@ class RingArena {
  public:
   // A cache line.
   struct alignas(64) Line {
-    std::atomic<Line*>
-        next;  // of the free rings of one capacity; overlaps the first sample's stamp
+    // Of a free ring: the distance in bytes from here to the next one of its capacity; 0: none. No
+    // address, as other processes can read it. It overlaps the first sample's stamp.
+    std::atomic<std::uint64_t> to_next;
     std::byte bytes[56];
   };
   // Thrown if allocate() would exceed the limit.
@@ -49,7 +50,9 @@ class RingArena {
   Line* allocate(unsigned logarithm, std::size_t lines) {
     const auto lock = lock_announced(mutex_);
     if (Line* const ring = free_rings_[logarithm]) {
-      free_rings_[logarithm] = ring->next.load(std::memory_order_relaxed);
+      const std::uint64_t to_next = ring->to_next.load(std::memory_order_relaxed);
+      free_rings_[logarithm] =
+          to_next == 0 ? nullptr : reinterpret_cast<Line*>(address(ring) + to_next);
       return ring;
     }
     if (max_lines_ != 0 && lines_ + lines > max_lines_) throw Full();
@@ -75,7 +78,8 @@ class RingArena {
   // that had it last has got a new version since.
   void give_back(unsigned logarithm, Line* ring) noexcept {
     const auto lock = lock_announced(mutex_);
-    ring->next.store(free_rings_[logarithm], std::memory_order_release);
+    const Line* const next = free_rings_[logarithm];
+    ring->to_next.store(next ? address(next) - address(ring) : 0, std::memory_order_release);
     free_rings_[logarithm] = ring;
   }
 
@@ -86,6 +90,10 @@ class RingArena {
   }
 
  private:
+  static std::uintptr_t address(const Line* line) noexcept {
+    return reinterpret_cast<std::uintptr_t>(line);
+  }
+
   static constexpr std::size_t kFirstBlock = 1024;  // lines: 64 KiB
   static constexpr std::size_t kDoublings = 9;      // up to 32 MiB
 

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <cstring>
+#include <limits>
 
 #include "base/host.hpp"
 #include "shared/shared_tree.hpp"
@@ -85,6 +86,17 @@ std::uint64_t MappedFile::reach_now(std::uint64_t) const noexcept { return 0; }
 
 MappedRegion::~MappedRegion() { unmap(); }
 
+namespace {
+
+// Reads a word of the header once: the owner could change it between a check and its use, and a
+// plain load may be repeated.
+template <class T>
+T read_once(const T& word) noexcept {
+  return __atomic_load_n(&word, __ATOMIC_RELAXED);
+}
+
+}  // namespace
+
 void MappedRegion::check_header() {
   const RegionHeader& header = *header_;
   if (header.magic != kMagic) throw RegionRefused("the file is not a region of zenoh-tf");
@@ -107,17 +119,20 @@ void MappedRegion::check_header() {
     throw RegionRefused("the region is of another boot of the host, or of another host");
   if (header.time_namespace != time_namespace())
     throw RegionRefused("the region's owner has another monotonic clock (time namespace)");
-  options_.cache_ns = header.cache_ns;
-  options_.concurrency = static_cast<Concurrency>(header.concurrency);
-  options_.max_frames = header.max_frames;
-  options_.max_authorities = static_cast<std::uint16_t>(header.max_authorities);
-  options_.max_samples_per_frame = header.max_samples_per_frame;
-  options_.max_name_bytes = header.max_name_bytes;
-  options_.max_depth = header.max_depth;
+  const std::uint32_t concurrency = read_once(header.concurrency);
+  const std::uint32_t max_authorities = read_once(header.max_authorities);
+  options_.cache_ns = read_once(header.cache_ns);
+  options_.max_frames = read_once(header.max_frames);
+  options_.max_samples_per_frame = read_once(header.max_samples_per_frame);
+  options_.max_name_bytes = read_once(header.max_name_bytes);
+  options_.max_depth = read_once(header.max_depth);
   options_.instance = text_of(header.instance);
-  if (options_.max_authorities != header.max_authorities || options_.max_frames > 1u << 30 ||
-      options_.max_depth > 1u << 30 || options_.max_name_bytes > 1u << 16 || header.concurrency > 2)
+  if (max_authorities > std::numeric_limits<std::uint16_t>::max() ||
+      options_.max_frames > 1u << 30 || options_.max_depth > 1u << 30 ||
+      options_.max_name_bytes > 1u << 16 || concurrency > 2)
     throw RegionRefused("the region's limits are out of range");
+  options_.concurrency = static_cast<Concurrency>(concurrency);
+  options_.max_authorities = static_cast<std::uint16_t>(max_authorities);
 }
 
 void MappedRegion::check_array(std::uint64_t distance, std::uint64_t bytes,

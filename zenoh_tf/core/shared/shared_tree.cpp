@@ -38,7 +38,9 @@ void SharedTree::check_lease() const {
   // A tenth of the time, but late by a tick, or by more where a host takes processors away from a
   // virtual machine. So it decides only where much of the lease is left.
   constexpr std::int64_t kMargin = 100'000'000;
-  if (clock_ns(CLOCK_MONOTONIC_COARSE) < lease_ns() - kMargin) [[likely]]
+  // The differences cannot overflow, whatever the region says: the clock is not negative.
+  const std::int64_t now = clock_ns(CLOCK_MONOTONIC_COARSE), end = lease_ns();
+  if (now < end && end - now > kMargin) [[likely]]
     return;
 #endif
   if (monotonic_ns() >= lease_ns()) throw Unanswered{Unanswered::Reason::lapsed};
