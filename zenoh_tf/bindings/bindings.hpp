@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
+#include <new>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -60,13 +61,17 @@ nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle ta
 std::string waited(double timeout_s);
 [[noreturn]] void raise(const nb::object& error);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
-// Runs body(), and raises what it throws as Rejected.
+// The error of a call for which the host has no memory left.
+nb::object make_memory_error();
+// Runs body(), and raises what it throws as Rejected, or as bad_alloc.
 template <class Body>
 auto rejected_as_error(Body&& body) {
   try {
     return body();
   } catch (const Rejected& rejected) {
     raise(make_error(rejected));
+  } catch (const std::bad_alloc&) {
+    raise(make_memory_error());
   }
 }
 

@@ -50,6 +50,13 @@ nb::object make_error(const Rejected& r) {
   return make_error(r.code, r.message, facts);
 }
 
+nb::object make_memory_error() {
+  return make_error(Rejected{.code = Code::limit,
+                             .message = "the host has no memory left for the tree: free memory "
+                                        "there, or bound the tree (max_memory)",
+                             .field = "host_memory"});
+}
+
 nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
                       const Failure& f, nb::handle target, nb::handle source,
                       const std::string& note) {

@@ -220,7 +220,7 @@ void commit_each(Tree& tree, std::vector<PutCommit>& puts) {
 // None: all rows are stored. Bytes: what became of each row. Else why none is stored.
 nb::object outcome_of(PutCommit& put) {
   if (put.rejected) return make_error(*put.rejected);
-  if (put.out_of_memory) return nb::handle(PyExc_MemoryError)();
+  if (put.out_of_memory) return make_memory_error();
   if (put.error.is_valid()) return put.error;
   const auto is_stored = [](std::uint8_t result) { return result == RowResult::stored; };
   if (std::all_of(put.stored.begin(), put.stored.end(), is_stored)) return nb::none();
