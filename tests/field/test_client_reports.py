@@ -157,6 +157,24 @@ def test_a_pose_with_a_header_and_one_without(buffer: tf2.Buffer, x: float) -> N
     assert with_header.pose.position.x == x
 
 
+@pytest.mark.parametrize("is_there", [True, False])
+def test_the_callback_of_a_wait_comes_in_any_case(
+    tf: TransformClient, buffer: tf2.Buffer, is_there: bool
+) -> None:
+    """ros2/geometry2#346, #194: no callback was called if the transform was there already."""
+    child = f"callback_{is_there}"
+    later = StampedTransform("map", child, S, Transform((7, 0, 0)))
+    if is_there:
+        tf.set_transform(later)
+    called = threading.Event()
+    future = buffer.wait_for_transform_async("map", child, tf2.Time(1))
+    future.add_done_callback(lambda _: called.set())
+    if not is_there:
+        tf.set_transform(later)
+    assert called.wait(60)
+    assert future.result().transform.translation.x == 7
+
+
 @pytest.mark.parametrize("together", [True, False])
 def test_statics_that_are_sent_one_by_one(
     shared_server: ServerProcess, buffer: tf2.Buffer, together: bool

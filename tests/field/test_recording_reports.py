@@ -80,6 +80,24 @@ def test_a_file_that_is_not_in_the_order_of_its_stamps(
         assert x_at(capsys, path, at, "odom", "base") == pytest.approx(x)
 
 
+@pytest.mark.parametrize("times", [2, 5])
+@pytest.mark.parametrize("kind", ["mcap", "protobuf"])
+def test_rows_that_are_twice_in_one_message(
+    tmp_path: Path, capsys: Capture, kind: str, times: int
+) -> None:
+    """foxglove/nuscenes2mcap#3: a converter wrote each transform of a message several times."""
+    log: Log = [
+        (
+            100 + i,
+            "/tf",
+            [("odom", "base", 100 + i, float(i)), ("base", "lidar", 100 + i, 1)] * times,
+        )
+        for i in range(10)
+    ]
+    path = write(tmp_path / "log", log, kind=kind)
+    assert x_at(capsys, path, "+4.5s", "odom", "lidar") == pytest.approx(5.5)
+
+
 @pytest.mark.parametrize("kind", ["bag", "db3"])
 def test_statics_that_come_late_and_unlatched(tmp_path: Path, capsys: Capture, kind: str) -> None:
     """introlab/rtabmap_ros#170, ros/robot_state_publisher#105: a filter lost the mark of a latched

@@ -14,6 +14,7 @@ from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state, encode_joint_state
 from zenoh_tf_tools.urdf import reader
 from zenoh_tf_tools.urdf.kinematics import JointTransforms
+from zenoh_tf_tools.urdf.visuals import Solid, read_visuals
 
 
 def robot(*joints: str, more: str = "") -> str:
@@ -256,3 +257,22 @@ def test_limits_that_are_infinite(limit: str, lower: float, upper: float) -> Non
     joints = JointTransforms(parsed(f"arm revolute <limit {limit}/>"))
     poses(joints, ["arm"], [-50.0])
     assert joints.counts.beyond_limits == 0
+
+
+@pytest.mark.parametrize(("radius", "length", "yaw"), [(0.1, 0.5, 0.0), (0.25, 2.0, 1.0)])
+def test_a_capsule(tmp_path: Path, radius: float, length: float, yaw: float) -> None:
+    """ros2/rviz#1734, ros/urdfdom#192 and #238: URDF 1.1 has capsules; other readers failed, or
+    drew nothing."""
+    file = tmp_path / "robot.urdf"
+    file.write_text(
+        f'<robot name="r" version="1.1"><link name="arm"><visual><origin xyz="1 0 0" '
+        f'rpy="0 {math.pi / 2} {yaw}"/><geometry><capsule radius="{radius}" length="{length}"/>'
+        "</geometry></visual></link></robot>"
+    )
+    cylinder, *balls = read_visuals(file)
+    assert cylinder.shape == Solid("cylinder", (radius, length))
+    for ball, side in zip(balls, (-1, 1), strict=True):
+        assert ball.shape == Solid("sphere", (radius,))
+        along = side * length / 2
+        expected = (1 + along * math.cos(yaw), along * math.sin(yaw), 0)
+        np.testing.assert_allclose(ball.origin.translation, expected, atol=1e-12)

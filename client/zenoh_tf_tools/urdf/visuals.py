@@ -104,7 +104,20 @@ def _visuals(element: Element, path: Path, colours: Mapping[str, Rgb]) -> Iterat
         colour = None
         if material is not None:
             colour = _colour(material, link) or colours.get(material.get("name", ""))
-        yield Visual(link.name, origin, _shape(geometry[0], path, link), colour)
+        for pose, shape in _parts(_shape(geometry[0], path, link)):
+            yield Visual(link.name, origin @ pose, shape, colour)
+
+
+def _parts(shape: Shape) -> list[tuple[Transform, Shape]]:
+    """A capsule, of URDF 1.1, as a cylinder with a ball at each end; other shapes as they are."""
+    if not isinstance(shape, Solid) or shape.kind != "capsule":
+        return [(Transform(), shape)]
+    radius, length = shape.sizes
+    ball, ends = Solid("sphere", (radius,)), (-length / 2, length / 2)
+    return [
+        (Transform(), Solid("cylinder", shape.sizes)),
+        *((Transform((0.0, 0.0, z)), ball) for z in ends),
+    ]
 
 
 def _shape(element: Element, path: Path, link: Part) -> Shape:
@@ -115,7 +128,7 @@ def _shape(element: Element, path: Path, link: Part) -> Shape:
     match element.tag:
         case "box":
             sizes = link.numbers(element, "size", (0.0, 0.0, 0.0))
-        case "cylinder":
+        case "cylinder" | "capsule":
             sizes = [one("radius"), one("length")]
         case "sphere":
             sizes = [one("radius")]
