@@ -85,10 +85,12 @@ CATALOGUE: Final = (
     Fault(
         "TF104",
         "a link that has stopped",
-        "No sample has come for 10 periods and a second at least. Lookups at the present fail, and "
-        "the latest common time of every chain over the link stands still.",
-        "Restart its publisher, or find why its messages do not arrive. `zenoh-tf explain` shows "
-        "what a lookup over the link makes of it.",
+        "No sample has come for 10 periods and a second at least, or for 10 s since its only one. "
+        "Lookups at the present fail, and the latest common time of every chain over the link "
+        "stands still.",
+        "Restart its publisher, or find why its messages do not arrive. Publish a link that never "
+        "moves as static, on /tf_static and not on /tf. `zenoh-tf explain` shows what a lookup "
+        "over the link makes of it.",
         publishers.stopped,
     ),
     Fault(
@@ -128,7 +130,8 @@ CATALOGUE: Final = (
         "TF201",
         "a clock that is off",
         "The stamps of one computer do not fit those of the others, so lookups across them fail or "
-        "join poses of different times.",
+        "join poses of different times. A filter that stamps ahead on purpose looks the same; "
+        "corrections that are repeated, and mounts that never move, are not reported.",
         "Synchronise the clocks (chrony, PTP). docs/explanation/clocks.md says how the offsets are "
         "measured.",
         clocks.skewed_clock,
@@ -256,7 +259,8 @@ CATALOGUE: Final = (
         "TF403",
         "a pose that jumps",
         "One step is far beyond what the link does otherwise. A localisation has found itself "
-        "elsewhere, a sensor gave a wrong pose, or odometry was reset.",
+        "elsewhere, a sensor gave a wrong pose, odometry was reset, or a driver of joints sent "
+        "zeros between two measurements.",
         "Look at the publisher at that time. Hang corrections of a localisation above the "
         "odometry, as map to odom, so that odometry stays smooth.",
         values.jumps,
