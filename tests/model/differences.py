@@ -20,11 +20,13 @@ from .poses import IDENTITY
 #: By number in the table of decisions. The first ones withhold a write from tf2, or change it.
 DECISIONS = {
     "A08": "tf2 stores a rotation as it comes; it is given the normalised one",
-    "A08b": "tf2 stores infinite translations: not given to it",
+    "A08b": "tf2 stores infinite translations, and those over 1e150 m: not given to it",
+    "A09": "tf2 stores a name with two slashes in front under one: not given to it",
     "A10": "tf2 has no transactions: one that is refused here is not given to it; a sample that it "
     "drops creates its frames",
     "F07": "tf2 accepts cycles: what would close one is not given to it; a loop of a past time "
     "above the frames' meeting point fails a lookup in tf2",
+    "F06": "before geometry2#832 tf2 names the first link without data, not the farthest",
     "B12": "ROS 1's tf2 ignores a repeated stamp; ROS 2's and this tree have other rules",
     "C06": "in ROS 1's tf2 a frame's first write says for ever whether it is static",
     "C07": "tf2 has no data at a time above a cleared frame; here it is a root like others",
@@ -94,6 +96,12 @@ class AsTf2(Oracle):
                 self.fired.add("C07")
                 raise errors.ExtrapolationException from None
             raise
+
+    def _farthest(
+        self, target: str, source: str, stamp_ns: int
+    ) -> errors.TransformException | None:
+        self.fired.add("F06")
+        return None
 
     def _cleared(self, path: AncestorPath) -> bool:
         top = path.frames[-1]

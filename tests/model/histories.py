@@ -104,6 +104,8 @@ class _Making:
                 row._replace(child=""),
                 row._replace(parent="/"),
                 row._replace(parent="/" + row.parent, child="/" + row.child),  # is good
+                row._replace(child="//" + row.child),
+                row._replace(pose=(1e151, *row.pose[1:])),
                 row._replace(pose=(math.nan, *row.pose[1:])),
                 row._replace(pose=(*row.pose[:1], math.inf, *row.pose[2:])),
                 row._replace(pose=(*row.pose[:3], math.nan, *row.pose[4:])),

@@ -11,6 +11,8 @@ from zenoh_tf import errors
 
 from .poses import Pose, normalised
 
+MAX_TRANSLATION = 1e150
+
 
 class Row(NamedTuple):
     """A write: the pose of a child in its parent."""
@@ -207,10 +209,14 @@ class Stored:
         parent, child = row.parent.removeprefix("/"), row.child.removeprefix("/")
         if not parent or not child:
             self._refuse("empty name")
+        if parent.startswith("/") or child.startswith("/"):
+            self._refuse("two slashes")
         if parent == child:
             self._refuse("own parent")
         if not all(map(math.isfinite, row.pose)):
             self._refuse("not finite")
+        if math.hypot(*row.pose[:3]) > MAX_TRANSLATION:
+            self._refuse("too far")
         if abs(sum(v * v for v in row.pose[3:]) - 1.0) >= 1e-2:
             self._refuse("not a rotation")
         return Row(parent, child, row.stamp_ns, normalised(row.pose))

@@ -34,6 +34,8 @@ EVENTS = {
     "refused: cycle",
     "refused: too deep",
     "refused: empty name",
+    "refused: two slashes",
+    "refused: too far",
     "refused: own parent",
     "refused: not finite",
     "refused: not a rotation",

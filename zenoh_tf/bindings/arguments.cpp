@@ -23,10 +23,13 @@ std::string_view frame_name_of(nb::handle name, const char* field) {
     nb::dict facts;
     facts["field"] = field;
     facts["frame"] = name;
-    raise(make_error(Code::invalid_argument,
-                     std::string(field) + ": frame names do not begin with '/': " + quoted(text) +
-                         " is spelled " + quoted(text.substr(1)),
-                     facts));
+    const std::size_t begin = std::min(text.find_first_not_of('/'), text.size());
+    const std::string spelled =
+        begin == text.size() ? " is no frame's name" : " is spelled " + quoted(text.substr(begin));
+    raise(make_error(
+        Code::invalid_argument,
+        std::string(field) + ": frame names do not begin with '/': " + quoted(text) + spelled,
+        facts));
   }
   return text;
 }

@@ -4,10 +4,12 @@
 #include "replication/change_replay.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <unordered_set>
 
 #include "bindings/reads/read_rows.hpp"
+#include "commits/validation.hpp"
 #include "replication/snapshot.hpp"
 
 namespace ztf {
@@ -32,6 +34,15 @@ void check_versions(const Column<Version>& column) {
                     "version");
 }
 
+// A pose that no commit accepts would make results infinite, or no number.
+void check_poses(const PoseColumn& column) {
+  for (const Pose& p : span_of(column)) {
+    const double norm2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw;
+    if (!is_valid_translation(p) || !(std::abs(norm2 - 1) < 1e-2))
+      raise_invalid("pose has a value that no link can have", "pose");
+  }
+}
+
 // Names and authorities as texts that live as long as this object.
 struct Texts {
   Texts(const Tree& tree, nb::handle name_list, nb::handle authority_list)
@@ -41,6 +52,9 @@ struct Texts {
     std::unordered_set<std::string_view> known(names.size());
     for (const std::string_view name : names) {
       if (name.empty()) raise_invalid("names has an empty name", "names");
+      if (name[0] == '/')
+        raise_invalid("names has " + quoted(name) + ", but no frame's name begins with '/'",
+                      "names");
       if (!known.insert(name).second) raise_invalid("names has a name twice", "names");
     }
   }
@@ -83,6 +97,7 @@ class Replay {
     fit(stamp, samples, "stamp");
     fit(pose, samples, "pose");
     fit(lost, orphaned, "lost");
+    check_poses(pose);
     check_indexes(parent, texts.names.size(), "parent", kNoParent);
     check_indexes(lost, texts.names.size(), "lost", kNoParent);
     check_indexes(authority, texts.authorities.size(), "authority");
@@ -118,6 +133,7 @@ class Replay {
     fit(stamp, samples, "stamp");
     fit(parent, samples, "parent");
     fit(pose, samples, "pose");
+    check_poses(pose);
     const FrameColumns columns{
         texts.names,        texts.authorities, span_of(frame), span_of(version), span_of(is_static),
         span_of(authority), span_of(count),    span_of(stamp), span_of(parent),  span_of(pose)};

@@ -21,7 +21,12 @@ inline std::string with_separators(std::uint64_t value) {
   return digits;
 }
 
-// Returns a frame's name as it is stored: without one leading slash, as tf2 does on insert.
+// The longest translation of a link, in metres. It keeps every result finite: a chain of links, and
+// the differences and squares of what they give.
+constexpr double kMaxTranslation = 1e150;
+
+// Returns a frame's name as it is stored: without one leading slash, as tf2 does on insert. What
+// still begins with a slash is no name of a frame: whatever copies the tree would strip it again.
 inline std::string_view stripped(std::string_view name) noexcept {
   return name.starts_with('/') ? name.substr(1) : name;
 }
@@ -123,25 +128,36 @@ inline void check_authority(const CommitRequest& request, const Options& options
   check_length(request.authority.size(), "authority", options);
 }
 
+// False also if a value is NaN or infinite.
+inline bool is_valid_translation(const Pose& p) noexcept {
+  return p.x * p.x + p.y * p.y + p.z * p.z <= kMaxTranslation * kMaxTranslation;
+}
+
 [[noreturn]] inline void reject_pose(const CommitRequest& request, const Row& row, double norm2) {
   const double* const values = &row.pose.x;
   for (int i = 0; i < 7; ++i)
     if (!std::isfinite(values[i]))
       reject(request, row, i < 3 ? "translation" : "rotation", "a value is NaN or infinite");
+  if (!is_valid_translation(row.pose))
+    reject(request, row, "translation",
+           "the translation is longer than 1e150 m, the limit: are its units metres?");
   reject(request, row, "rotation",
          "the quaternion's squared norm is " + std::to_string(norm2) +
              ", but must differ from 1 by less than 0.01: normalise it");
 }
 
-// True if the name is neither empty nor too long.
+// True if a stripped name is neither empty nor too long, and does not begin with a slash.
 inline bool is_valid_name(std::string_view name, const Options& options) noexcept {
-  return !name.empty() && name.size() <= options.max_name_bytes;
+  return !name.empty() && name.size() <= options.max_name_bytes && name[0] != '/';
 }
 
 inline void check_names(const CommitRequest& request, const Row& row, const Options& options) {
   const auto check_name = [&](std::uint32_t index, const char* field) {
     const std::string_view name = stripped(request.names[index]);
     if (name.empty()) reject(request, row, field, "the name is empty");
+    if (name[0] == '/')
+      reject(request, row, field,
+             "the name begins with more than one '/': a frame's name has none in front");
     check_length(name.size(), field, options);
     return name;
   };
@@ -157,9 +173,7 @@ inline void check_values(const CommitRequest& request, const Row& row, Pose& pos
     reject(request, row, "stamp_ns", "the stamp is out of range: it must be greater than -2^63 ns");
   const Pose& p = row.pose;
   const double norm2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw;
-  // 0 if all three values are finite, else NaN.
-  const double zero = (p.x - p.x) + (p.y - p.y) + (p.z - p.z);
-  if (zero != 0 || !(std::abs(norm2 - 1) < 1e-2)) [[unlikely]]
+  if (!is_valid_translation(p) || !(std::abs(norm2 - 1) < 1e-2)) [[unlikely]]
     reject_pose(request, row, norm2);
   // This near to 1 the root's series is exact to rounding. It takes 7 % off a commit of one row.
   const double excess = norm2 - 1;
