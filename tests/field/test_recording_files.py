@@ -275,6 +275,18 @@ def test_encodings_of_foxglove(
         assert recording.malformed == 3
 
 
+def test_a_compressed_file_that_is_a_bomb(tmp_path: Path) -> None:
+    """Some kB that would fill a disk, or take gigabytes of memory."""
+    begins = (b"SQLite format 3\0", b"\x89MCAP0\r\n\x06" + (1 << 40).to_bytes(8, "little"))
+    for number, begin in enumerate(begins):
+        packer = zstandard.ZstdCompressor().compressobj()
+        parts = [packer.compress(begin), *(packer.compress(bytes(1 << 24)) for _ in range(40))]
+        path = tmp_path / f"{number}.zstd"
+        path.write_bytes(b"".join([*parts, packer.flush()]))
+        with pytest.raises(RecordingError, match="damaged"):
+            TransformTree.from_recording(path)
+
+
 # --- large chunks
 
 

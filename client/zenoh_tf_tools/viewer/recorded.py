@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,14 @@ _MAX_KEPT_BYTES = 1 << 30
 class RecordedSource:
     """A recording; what is shown at a time is what its samples say about that time."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(
+        self, recording: Recording, on_messages: Callable[[int], None] | None = None
+    ) -> None:
         """Read a recording.
+
+        Args:
+            recording: The recording, open.
+            on_messages: Called with the number of messages read, now and then.
 
         Raises:
             RecordingError: It is damaged, or has no transforms.
@@ -35,7 +41,7 @@ class RecordedSource:
         self._known: TransformTree | None = None  # what had been recorded by some time
         self._known_at_ns: int | None = None
         try:
-            recording.keep(_MAX_KEPT_BYTES)
+            recording.keep(_MAX_KEPT_BYTES, on_messages)
         except LimitExceeded:
             self._kept = None
         #: The stamps of each dynamic link, sorted; its history has only the first and last.

@@ -24,6 +24,8 @@ _SUFFIXES: Final = (".mcap", ".db3", ".bag")
 #: So much stays free in the folder of temporary files.
 _FREE_BYTES: Final = 1 << 30
 _PIECE_BYTES: Final = 1 << 20
+#: A file that was compressed as a whole has at most this many times its size, and this in addition.
+_RATIO, _LEEWAY_BYTES = 1000, 64 << 20
 
 
 def open_all(path: Path, choose: Choose, stack: ExitStack) -> tuple[list[Container], list[str]]:
@@ -101,12 +103,18 @@ def _decompressed(path: Path, stack: ExitStack) -> Path:
     import zstandard  # noqa: PLC0415 - of the extra
 
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-    allowed = shutil.disk_usage(folder).free - _FREE_BYTES
+    free = shutil.disk_usage(folder).free - _FREE_BYTES
+    likely = _RATIO * path.stat().st_size + _LEEWAY_BYTES
+    allowed = min(free, likely)
     copy = folder / "content"
     with path.open("rb") as file, copy.open("wb") as out:
         content = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
         while piece := content.read(_PIECE_BYTES):
             allowed -= len(piece)
+            if allowed < 0 and likely <= free:
+                raise RecordingError(
+                    f"{path}: damaged: it has more than {likely:,} bytes before its compression"
+                )
             if allowed < 0:
                 raise RecordingError(
                     f"{path}: it does not fit into {folder.parent} without its compression; name "

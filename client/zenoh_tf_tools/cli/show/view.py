@@ -19,6 +19,7 @@ from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import watch
+from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.errors import CommandError, extra
 from zenoh_tf_tools.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer.live import LiveSource
@@ -181,6 +182,7 @@ def _at_ns(args: argparse.Namespace, source: ViewedTree) -> int:
 def recorded(args: argparse.Namespace) -> RecordedSource:
     """The recording that `args.file` names."""
     with recordings.opened(args) as recording:
-        source = RecordedSource(recording)
+        with Progress(recording.message_count, "messages") as progress:
+            source = RecordedSource(recording, progress.to)
         recordings.warn(recording)
     return source
