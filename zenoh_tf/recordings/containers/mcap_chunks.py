@@ -58,9 +58,10 @@ class McapChannels:
         else:
             self.add_channel(records.Channel.read(stream))
 
-    def reads(self, begin: bytes) -> bool:
-        """Whether a message outside of a chunk is read, by the begin of its record."""
-        return self.channels.get(MESSAGE_HEAD.unpack_from(begin)[0]) is not None
+    def skips(self, begin: bytes) -> bool:
+        """Whether a message is of a channel that is declared and not read."""
+        number = MESSAGE_HEAD.unpack_from(begin)[0]
+        return number in self.channels and self.channels[number] is None
 
     def record(self, opcode: int, body: bytes) -> tuple[list[RawMessage], str]:
         """The messages of a record, which may be a chunk; and its fault as of `chunk`."""
@@ -103,7 +104,7 @@ class McapChannels:
                 if of := channels.get(number):
                     found.append(RawMessage(log_ns, of, data[at + MESSAGE_HEAD.size : end]))
                 elif number not in channels:
-                    fault = "a chunk has messages of a channel that is not declared"
+                    fault = "messages of a channel that is not declared"
             elif opcode in (SCHEMA, CHANNEL):
                 try:
                     self.declare(opcode, data[at:end])

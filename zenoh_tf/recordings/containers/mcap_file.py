@@ -33,6 +33,8 @@ from .mcap_sparse import messages_by_index
 #: Messages outside of chunks that are put in order together.
 _UNCHUNKED: Final = 10_000
 
+#: The last type of records that there is, and the first of those that writers may define.
+_LAST_OPCODE, _OWN_OPCODES = DATA_END, 0x80
 #: Largest record that is not read, such as an attachment.
 _MAX_SKIPPED_BYTES: Final = 1 << 40
 
@@ -194,7 +196,8 @@ class McapFile:
                 self.damage.note(f"byte {at:,} of the content", reason(error))
                 return
             if body is None:
-                pass
+                if _LAST_OPCODE < opcode < _OWN_OPCODES:
+                    self.damage.note(f"byte {at:,}", f"a record of the unknown type {opcode}")
             elif len(body) < length:
                 self.is_cut_off = True
                 yield channels.chunk_begin(body) if opcode == CHUNK else [], True
@@ -210,7 +213,7 @@ class McapFile:
         """The content of a record; None if there is nothing to read in it."""
         if opcode == MESSAGE and length >= MESSAGE_HEAD.size:
             begin = file.read(MESSAGE_HEAD.size)
-            if len(begin) == MESSAGE_HEAD.size and not self._channels.reads(begin):
+            if len(begin) == MESSAGE_HEAD.size and self._channels.skips(begin):
                 return None
             return begin + file.read(length - MESSAGE_HEAD.size)
         return file.read(length) if opcode in (SCHEMA, CHANNEL, CHUNK) else None
