@@ -294,6 +294,32 @@ def test_which_announcements_are_applied(server: ServerProcess, client: Transfor
     assert "announced statics of 'urdf': some refused: " in server.log
 
 
+@pytest.mark.parametrize("order", [("old", "new"), ("new", "old")])
+def test_of_two_announcements_the_newest_stamp_counts(
+    client: TransformClient, order: tuple[str, str]
+) -> None:
+    """Two broadcasters of one link announce to a new server in any order. What the older one sends
+    then is newer, and a later announcement of the other one does not undo it."""
+    tf = client
+    stamps = {"old": 5, "new": 6}
+
+    def put(authority: str, *, announce: bool) -> None:
+        rows = [
+            StampedTransform("base", "arm", stamps[authority], Transform((stamps[authority], 0, 0)))
+        ]
+        puts = tf.stats()["puts"]
+        key = keys.put("main", authority, static=True)
+        tf._connection.session.put(key, message(rows, announce=announce))
+        wait_until(lambda: tf.stats()["puts"] == puts + 1)
+
+    for authority in order:
+        put(authority, announce=True)
+    assert (x_of(tf, "arm"), tf.frame("arm").authority) == (6, "new")
+    put("old", announce=False)
+    put("new", announce=True)
+    assert (x_of(tf, "arm"), tf.frame("arm").authority) == (5, "old")
+
+
 def test_removals_are_forgotten_at_the_limit(start_server: StartServer) -> None:
     server = start_server("--limit", "removed_statics=2")
     with server.connect() as tf:

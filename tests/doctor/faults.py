@@ -74,9 +74,9 @@ def setup(robot: Robot, *links: tuple[str, str, Pose]) -> None:
         robot.send(parent, child, "setup", START_S, value, static=True)
 
 
-def static_and_dynamic(robot: Robot) -> None:
+def static_and_dynamic(robot: Robot, authority: str = "state publisher") -> None:
     robot.link("base", "camera", "state publisher", 10.0, lambda t: pose(0.3, 0.0, 0.5))
-    robot.mount("camera", pose(0.3, 0.0, 0.5), 1.0)
+    robot.mount("camera", pose(0.3, 0.0, 0.5), 1.0, authority)
 
 
 def flipping_parents(robot: Robot) -> None:
@@ -149,6 +149,7 @@ FAULTS: dict[str, tuple[Make, Found]] = {
     ),
     "flipping_parents": (beside(flipping_parents), {("TF102", "cup")}),
     "static_and_dynamic": (beside(static_and_dynamic), {("TF103", "camera")}),
+    "static_and_dynamic_of_two": (beside(static_and_dynamic, "mounts"), {("TF101", "camera")}),
     "stopped": (moving(end_s=0.5), {("TF104", "base")}),
     "stopped_long_ago": (moving(end_s=-4), {("TF104", "base")}),
     "looked_up_after_it_stopped": (asked("odom", "base", end_s=0.5), {("TF104", "base")}),

@@ -265,14 +265,17 @@ def test_the_last_change_of_a_link(tf: Tf) -> None:
     assert tf.frame("base").last_change is None
     put(tf, "map", "base", 2, authority="lidar")
     assert tf.frame("base").last_change == FrameChange(
-        "authority", 2 * SECOND, "lidar", "map", False
+        "authority", 2 * SECOND, "lidar", "map", False, "odometry"
     )
     put(tf, "dock", "base", 3, authority="lidar")
-    expected = FrameChange("reparented", 3 * SECOND, "lidar", "map", False)
+    expected = FrameChange("reparented", 3 * SECOND, "lidar", "map", False, "lidar")
     assert tf.frame("base").last_change == expected
-    put(tf, "dock", "base", 4, authority="charger", static=True)
+    put(tf, "dock", "base", 4, 7.0, authority="charger", static=True)
     info = tf.frame("base")
-    assert info.last_change == FrameChange("switched", 4 * SECOND, "charger", "dock", False)
+    assert info.last_change == FrameChange(
+        "switched", 4 * SECOND, "charger", "dock", False, "lidar"
+    )
+    assert list(info.last_change.pose_before) == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     assert (info.authority_changes, info.reparented, info.switched) == (2, 1, 1)
 
 

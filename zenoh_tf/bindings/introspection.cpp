@@ -80,6 +80,9 @@ nb::object last_change(const AnyTree& tree, const FrameInfo& info) {
   out["authority"] = str_of(tree.authority(info.change_authority));
   out["parent_before"] = name_or_none(tree, info.parent_before);
   out["static_before"] = info.static_before;
+  out["authority_before"] = str_of(tree.authority(info.authority_before));
+  const Pose& pose = info.pose_before;
+  out["pose_before"] = nb::make_tuple(pose.x, pose.y, pose.z, pose.qx, pose.qy, pose.qz, pose.qw);
   return out;
 }
 

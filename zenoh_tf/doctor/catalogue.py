@@ -61,8 +61,12 @@ CATALOGUE: Final = (
         "TF101",
         "two publishers of one frame",
         "Two authorities write the same link by turns, so lookups jump between two poses. Often an "
-        "old driver still runs, or a simulator beside the robot.",
-        "End one of them; `zenoh-tf authorities` and `zenoh-tf frame NAME` show them. The "
+        "old driver still runs, or a simulator beside the robot. Or one has published it as "
+        "static, and another one publishes it as moving, or below a parent of another tree: a "
+        "calibration of a frame that a driver places already splits the tree.",
+        "End one of them; `zenoh-tf authorities` and `zenoh-tf frame NAME` show them. A "
+        "calibration belongs to the root of the camera's tree: the evidence has the link to "
+        "publish instead, with its numbers if the links between are static. The "
         "server's `--one-authority-per-frame` refuses the second.",
         publishers.two_publishers,
     ),
@@ -78,7 +82,7 @@ CATALOGUE: Final = (
         "TF103",
         "a static frame that is also published as dynamic",
         "Each switch between static and dynamic clears the link's history, so lookups at past "
-        "times fail. A static publisher and a sensor or a state publisher write the same link.",
+        "times fail. One publisher writes the link as both; if two do, it is TF101.",
         "Publish the link as static or as dynamic. A link that never moves is better static.",
         publishers.static_and_dynamic,
     ),

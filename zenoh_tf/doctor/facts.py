@@ -9,6 +9,7 @@ from typing import Final
 
 from zenoh_tf.doctor.observation import Seen
 from zenoh_tf.doctor.timing import PAUSE_PERIODS, Pause
+from zenoh_tf.introspection.explain import is_stopped, stopped_after_s
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.text.times import reference_ns
 
@@ -94,6 +95,31 @@ class TreeFacts:
         """
         ago_s = (self.now_ns - at_ns) / 1e9
         return ago_s if not self.is_complete and -1.0 < ago_s < _RECENT_S else None
+
+    def has_stopped(self, link: LinkFacts) -> bool:
+        """Return whether a link's samples have ceased to come. Their stamps say so only if nothing
+        else does, as a clock may be wrong.
+
+        Args:
+            link: One of the links.
+        """
+        limit_s = stopped_after_s(link.frame)
+        if limit_s is None:
+            return False
+        last_ns = None if link.seen is None else link.seen.timing.last_ns
+        if last_ns is not None:
+            return self.now_ns - last_ns > limit_s * 1e9
+        if not self.is_complete and self.grown(link, "version"):
+            return False
+        ahead_s = next(
+            (
+                publisher.clock_offset_max_s or 0.0
+                for publisher in self.authorities
+                if publisher.name == link.frame.authority
+            ),
+            0.0,  # how far the authority's clock is ahead is not known
+        )
+        return is_stopped(link.frame, self.reference[0] + round(1e9 * ahead_s))
 
     @cached_property
     def frames(self) -> dict[str, FrameInfo]:

@@ -6,8 +6,8 @@ import re
 from typing import Final
 
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
+from zenoh_tf.doctor.takeovers import takeovers
 from zenoh_tf.doctor.words import Evidence, authority, listed, times, window
-from zenoh_tf.introspection.explain import is_stopped, stopped_after_s
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S, age
 
@@ -31,6 +31,13 @@ _SENT_ONCE_S: Final = 10.0
 
 
 def two_publishers(facts: TreeFacts) -> Evidence:
+    taken_over = dict(takeovers(facts))
+    yield from taken_over.items()
+    yield from ((name, text) for name, text in _by_turns(facts) if name not in taken_over)
+
+
+def _by_turns(facts: TreeFacts) -> Evidence:
+    """The links that two authorities write by turns, by what was counted."""
     for link in facts.links:
         frame = link.frame
         changes = facts.count(link, "authority_changes")
@@ -66,8 +73,11 @@ def flip_flop(facts: TreeFacts) -> Evidence:
 
 
 def static_and_dynamic(facts: TreeFacts) -> Evidence:
+    taken_over = dict(takeovers(facts))  # which TF101 reports, with both publishers
     for link in facts.links:
         frame = link.frame
+        if frame.name in taken_over:
+            continue
         last = frame.last_change
         is_last = last is not None and last.kind == "switched"
         # A static link's stamp may be any: then it is not known when it was switched.
@@ -83,25 +93,6 @@ def static_and_dynamic(facts: TreeFacts) -> Evidence:
             )
 
 
-def has_stopped(facts: TreeFacts, link: LinkFacts) -> bool:
-    """Return whether a link's samples have ceased to come. Their stamps say so only if nothing
-    else does, as a clock may be wrong.
-
-    Args:
-        facts: What is known about the tree.
-        link: A link of it.
-    """
-    limit_s = stopped_after_s(link.frame)
-    if limit_s is None:
-        return False
-    last_ns = None if link.seen is None else link.seen.timing.last_ns
-    if last_ns is not None:
-        return facts.now_ns - last_ns > limit_s * 1e9
-    if not facts.is_complete and facts.grown(link, "version"):
-        return False
-    return is_stopped(link.frame, facts.reference[0] + round(1e9 * _clock_s(facts, link)))
-
-
 def stopped(facts: TreeFacts) -> Evidence:
     reference, by_clock = facts.reference
     for link in facts.dynamic:
@@ -111,7 +102,7 @@ def stopped(facts: TreeFacts) -> Evidence:
                 f"its only sample came {age(round(late_s * 1e9))} ago from "
                 f"{authority(link.frame.authority)}; publish it as static if it never moves",
             )
-        if not has_stopped(facts, link):
+        if not facts.has_stopped(link):
             continue
         last_ns = None if link.seen is None else link.seen.timing.last_ns
         if last_ns is None:
@@ -142,7 +133,7 @@ def _sent_once_ago_s(facts: TreeFacts, link: LinkFacts) -> float | None:
     if not _SENT_ONCE_S < late_s < CLOCK_RANGE_S:
         return None
     others = (each for each in facts.dynamic if each.frame.samples > 1)
-    return None if all(has_stopped(facts, each) for each in others) else late_s
+    return None if all(facts.has_stopped(each) for each in others) else late_s
 
 
 def gaps(facts: TreeFacts) -> Evidence:
@@ -229,11 +220,3 @@ def _rate_hz(link: LinkFacts) -> float | None:
     """The rate of samples that tell one."""
     rate = link.frame.rate_hz
     return rate if link.frame.samples >= _SLOW_SAMPLES else None
-
-
-def _clock_s(facts: TreeFacts, link: LinkFacts) -> float:
-    """How far the clock of a link's authority is ahead; 0 if unknown."""
-    for publisher in facts.authorities:
-        if publisher.name == link.frame.authority:
-            return publisher.clock_offset_max_s or 0.0
-    return 0.0

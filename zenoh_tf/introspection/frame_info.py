@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal, Self
 
 #: Two bits of a version are the lock's (`zenoh_tf/core/records/lock_words.hpp`).
@@ -39,6 +39,9 @@ class FrameChange:
         authority: Authority that wrote it.
         parent_before: Parent before the change.
         static_before: Whether the link was static before the change.
+        authority_before: The authority that had written it.
+        pose_before: Its newest pose before the change, of the child in ``parent_before``: x, y, z
+            in metres and the quaternion's x, y, z, w. Empty if a server does not send it.
     """
 
     kind: Literal["reparented", "switched", "authority"]
@@ -46,6 +49,8 @@ class FrameChange:
     authority: str
     parent_before: str | None
     static_before: bool
+    authority_before: str = ""
+    pose_before: Sequence[float] = field(default=(), compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +158,9 @@ class FrameInfo:
             record: Values by field name.
         """
         parts: dict[str, Any] = {}
-        for field, kind in PARTS.items():
-            part = record.get(field)
-            parts[field] = None if part is None else kind(**part)
+        for name, kind in PARTS.items():
+            part = record.get(name)
+            parts[name] = None if part is None else kind(**part)
         return cls(**{**record, **parts})
 
     @property

@@ -71,6 +71,7 @@ class StaticLinks:
         # Those of them that a call has set. No announcement replaces them: a call is a correction,
         # and whoever announces does not know of it.
         self._by_call = {name for name, link in stored.static_links.items() if link.by_call}
+        self._announced: set[str] = set()  # those whose link an announcement has stored
         self._remembered = frozenset(remembered)
         # Frames whose static link was removed, by the number of the removal; oldest first.
         self._removed = OrderedDict(stored.removed_links)
@@ -86,7 +87,8 @@ class StaticLinks:
         number of the state write.
 
         An announcement stores a row only if its frame has no link and none was removed, or has a
-        static link that the same authority has published.
+        static link that the same authority has published, or another one has announced with an
+        older stamp: in which order broadcasters announce to a new server is chance.
 
         Args:
             commit: The transforms.
@@ -138,6 +140,7 @@ class StaticLinks:
             changes |= {(Table.REMOVED_LINKS, name): None for name in self._removed}
             self._names.clear()
             self._by_call.clear()
+            self._announced.clear()
             self._removed.clear()
             return self._put(changes)
 
@@ -215,6 +218,10 @@ class StaticLinks:
             self._by_call.update(links)
         else:
             self._by_call.difference_update(links)
+        if commit.announce:
+            self._announced.update(links)
+        else:
+            self._announced.difference_update(links)
         changes: Changes = {(Table.STATIC_LINKS, child): link for child, link in links.items()}
         for child in self._removed.keys() & links.keys():
             del self._removed[child]
@@ -279,13 +286,13 @@ class StaticLinks:
         record = self._record(child)
         if record is None:
             return 0  # the version of a frame that does not exist
-        is_own = (
-            record["static"]
-            and record["authority"] == commit.authority
-            and child not in self._by_call
+        is_own = record["authority"] == commit.authority and child not in self._by_call
+        is_newer = (
+            child in self._announced and int(commit.rows.stamp[row]) > record["newest_stamp_ns"]
         )
+        may = record["parent"] is None or (record["static"] and (is_own or is_newer))
         version: int = record["version"]
-        return version if is_own or record["parent"] is None else None
+        return version if may else None
 
     def _log_left_out(self, commit: wire.Commit, rows: NDArray[np.int64]) -> None:
         if rows.size:
@@ -328,6 +335,7 @@ class StaticLinks:
     def _drop_names(self, names: list[str]) -> None:
         self._names.difference_update(names)
         self._by_call.difference_update(names)
+        self._announced.difference_update(names)
 
     @staticmethod
     def _forget_poses(names: Iterable[str]) -> Changes:

@@ -68,14 +68,14 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   const FrameId parent_before = frame.parent.load(std::memory_order_relaxed);
   const bool static_before = frame.is_static.load(std::memory_order_relaxed);
   const std::uint32_t stored_before = tally_.stored;
-  const Pose pose_before = static_before ? frame.latest.pose.load() : Pose{};
+  const Pose pose_before = frame.latest.pose.load();
   if (group.restarts) restart_history(group);
   store_rows(group);
   if (tally_.stored == stored_before) return false;
   if (group.wakes_all) increment(tree_.edits[group.child]);
   if (static_before && group.new_parent == 0 && plan_.request().is_static)
     record_replacement(group, pose_before);
-  record_link_change(group, parent_before, static_before);
+  record_link_change(group, parent_before, static_before, pose_before);
   return true;
 }
 
@@ -125,7 +125,7 @@ void CommitExecution::record_replacement(const FrameWrites& group, const Pose& b
 // Counts changes of the frame's link (another parent, authority or kind), and records the last one.
 // A frame's first link is no change.
 void CommitExecution::record_link_change(const FrameWrites& group, FrameId parent_before,
-                                         bool static_before) noexcept {
+                                         bool static_before, const Pose& pose_before) noexcept {
   using Change = FrameEvents::Change;
   const auto release = std::memory_order_release;
   const AuthorityId authority = plan_.names().authority();
@@ -137,15 +137,15 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
     change = what;
   };
   const bool had_data = parent_before != 0;
-  if (group.frame->authority.load(std::memory_order_relaxed) != authority) {
+  const AuthorityId authority_before = group.frame->authority.load(std::memory_order_relaxed);
+  if (authority_before != authority) {
     if (had_data) {
       record(events.authority_changes, Change::authority);
       ++tally_.conflicts;
-      tree_.event_log.add(
-          {.kind = TreeEvent::Kind::conflict,
-           .frame = group.child,
-           .authority = authority,
-           .authority_before = group.frame->authority.load(std::memory_order_relaxed)});
+      tree_.event_log.add({.kind = TreeEvent::Kind::conflict,
+                           .frame = group.child,
+                           .authority = authority,
+                           .authority_before = authority_before});
     }
     group.frame->authority.store(authority, release);
   }
@@ -163,6 +163,8 @@ void CommitExecution::record_link_change(const FrameWrites& group, FrameId paren
   events.change_authority.store(authority, release);
   events.parent_before.store(parent_before, release);
   events.static_before.store(static_before, release);
+  events.authority_before.store(authority_before, release);
+  events.pose_before.store(pose_before);
 }
 
 void CommitExecution::count_authority() const noexcept {

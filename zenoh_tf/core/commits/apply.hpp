@@ -42,8 +42,8 @@ class CommitExecution {
   bool apply_rows(const FrameWrites& group) noexcept;
   void store_rows(const FrameWrites& group) noexcept;
   void record_replacement(const FrameWrites& group, const Pose& before) noexcept;
-  void record_link_change(const FrameWrites& group, FrameId parent_before,
-                          bool static_before) noexcept;
+  void record_link_change(const FrameWrites& group, FrameId parent_before, bool static_before,
+                          const Pose& pose_before) noexcept;
   void count_authority() const noexcept;
 
   TreeState& tree_;

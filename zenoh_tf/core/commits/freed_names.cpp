@@ -199,7 +199,8 @@ void free_authorities(TreeState& tree) {
     if (is_freed[tree.frames[id].authority.load(relaxed)])
       tree.frames[id].authority.store(0, std::memory_order_release);
     FrameEvents& events = tree.events[id];
-    for (std::atomic<AuthorityId>* last : {&events.change_authority, &events.replaced_authority})
+    for (std::atomic<AuthorityId>* last :
+         {&events.change_authority, &events.authority_before, &events.replaced_authority})
       if (is_freed[last->load(relaxed)]) last->store(0, std::memory_order_release);
   }
   tree.ids_freed.fetch_add(1, std::memory_order_seq_cst);

@@ -32,8 +32,10 @@ inline FrameInfo info_of(const Frame& frame, const FrameEvents& events, Version 
   info.change = events.change.load(acquire);
   info.change_stamp = events.change_stamp.load(acquire);
   info.change_authority = events.change_authority.load(acquire);
+  info.authority_before = events.authority_before.load(acquire);
   info.parent_before = events.parent_before.load(acquire);
   info.static_before = events.static_before.load(acquire);
+  info.pose_before = events.pose_before.load();
   return info;
 }
 

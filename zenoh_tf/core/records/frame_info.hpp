@@ -50,9 +50,11 @@ struct FrameEvents {
   std::atomic<Stamp> late_stamp;
   std::atomic<Version> late_version;
 
-  // The last change of the link, and what the link was before.
+  // The last change of the link, and what the link was before. The pose is the newest one.
   std::atomic<Stamp> change_stamp;  // of the row that made the change
   std::atomic<AuthorityId> change_authority;
+  std::atomic<AuthorityId> authority_before;
+  AtomicPose pose_before;
   std::atomic<FrameId> parent_before;
   std::atomic<bool> static_before;
   std::atomic<Change> change;
@@ -82,6 +84,7 @@ struct FrameEvents {
     late_version.store(0, release);
     change_stamp.store(0, release);
     change_authority.store(0, release);
+    authority_before.store(0, release);
     parent_before.store(0, release);
     static_before.store(false, release);
     change.store(Change::none, release);
@@ -100,9 +103,10 @@ struct FrameInfo {
   // As in FrameEvents.
   FrameEvents::Change change;
   Stamp change_stamp;
-  AuthorityId change_authority;
+  AuthorityId change_authority, authority_before;
   FrameId parent_before;
   bool static_before;
+  Pose pose_before;
 };
 
 struct NamedInfo {

@@ -121,7 +121,8 @@ def _facts(frame: FrameInfo) -> dict[str, str]:
         facts["last change"] = f"{done} by {printable(change.authority)}"
         is_static = frame.static and change.stamp_ns == 0
         facts["  stamp"] = "static" if is_static else output.when(change.stamp_ns)
-        facts["  before"] = f"parent {before}" + (", static" if change.static_before else "")
+        by = f" by {printable(change.authority_before)}" if change.authority_before else ""
+        facts["  before"] = f"parent {before}" + (", static" if change.static_before else "") + by
     replaced = frame.last_replacement
     if replaced is not None:
         facts["replaced"] = f"{replaced.count:,}, the last {output.when(replaced.at_ns)}"
