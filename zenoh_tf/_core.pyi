@@ -86,6 +86,9 @@ class Tree(_Reads[Never]):
     ) -> None: ...
     def _region_fd(self) -> int: ...  # belongs to the tree; -1 if it is not shared
     def _begin_lease(self, duration_s: float) -> None: ...  # see zenoh_tf.shared_tree
+    # A server with this tree started `elapsed_ns` ago, and for `left_ns` more its publishers may
+    # not be back: an unknown frame is ServerStarting.
+    def _begin_startup(self, elapsed_ns: int, left_ns: int) -> None: ...
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> bool:

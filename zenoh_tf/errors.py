@@ -2,6 +2,7 @@
 
     TransformException
     ├── LookupException                     a frame is unknown, or the path is too long or a loop
+    │   └── ServerStarting                      it may come back: its server has just started
     ├── ConnectivityException               both frames are known, but no path connects them
     ├── InvalidArgumentException            an argument is invalid
     ├── TimeoutException                    no answer in time
@@ -48,7 +49,7 @@ FACTS = {
     "field": "the argument or message field at fault",
     "limit": "the limit that is reached",
     "value": "the value at fault",
-    "retry_after_s": "server busy: try again after this many seconds",
+    "retry_after_s": "server busy or just started: try again after this many seconds",
     "error_m": "an estimate's bound of the error of the position, metres",
     "error_rad": "an estimate's bound of the error of the orientation, radians",
     "by_ns": "how far an estimate carries a link beyond its newest sample, nanoseconds",
@@ -228,6 +229,13 @@ class TooUncertain(ExtrapolationException):
     are the estimate's, `limit` is the one exceeded, and the link is the one that adds most."""
 
     code = 21
+
+
+class ServerStarting(LookupException):
+    """The server has just started and does not have the frame yet: its publisher may be about to
+    connect again. Ask again after `retry_after_s`; a lookup with a time-out waits for it."""
+
+    code = 23
 
 
 #: Code -> class, for ``TransformArray.status`` and the wire.

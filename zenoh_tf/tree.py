@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from zenoh_tf import _core, notebook
 from zenoh_tf.array import TransformArray
+from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.gate import Gate
 from zenoh_tf.introspection import explain as explaining
@@ -326,9 +327,17 @@ class TransformTree(TreeEstimates):
         records = self._ancestor_records(target, source, stamp_ns)
         frames = [FrameInfo.from_record(record) for record in records]
         names = () if explaining.is_connected(target, source, frames) else self.frames()
-        return explaining.explain(
+        found = explaining.explain(
             target, source, stamp_ns, frames, names, now_ns, recorded=recorded
         )
+        for name in explaining.unknown_frames(found):
+            try:
+                self.frame(name)
+            except ServerStarting as error:
+                found = explaining.starting(found, error)
+            except LookupException:
+                pass
+        return found
 
     def authorities(self) -> list[AuthorityInfo]:
         """Return what each authority has done, in the order of their first commits."""

@@ -23,7 +23,7 @@ from zenoh_tf.wire import stream
 FRAMES, RATE_HZ = 60, 100
 #: The frames of a robot that has a server, a chain below the map.
 SERVED = ("base", "arm", "camera")
-_SETTINGS = stream.TreeSettings(10**10, 100, 1000, 255, 1000)
+_SETTINGS = wire.TreeSettings(10**10, 100, 1000, 255, 1000)
 #: Stand for the number and the time of a message until it is sent.
 _SEQ, _CLOCK_NS = 0x0102030405060708, 0x1112131415161718
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from zenoh_tf import AuthorityInfo, ClientInfo, Explanation
+from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
@@ -41,7 +42,17 @@ class Introspection:
         if type(frames) is AskServer:
             frames = self._reads.ask(frames, info.ancestors(target, source, stamp_ns))
         names = [] if explaining.is_connected(target, source, frames) else self.frames()
-        return explaining.explain(target, source, stamp_ns, frames, names)
+        found = explaining.explain(target, source, stamp_ns, frames, names)
+        for name in explaining.unknown_frames(found):
+            try:
+                self._connection.call(info.frame(name))
+            except ServerStarting as error:
+                found = explaining.starting(found, error)
+            except LookupException:
+                pass
+        if explaining.is_of_mirror(found):
+            found = explaining.with_lost_mirrors(found, self.authorities())
+        return found
 
     def authorities(self) -> list[AuthorityInfo]:
         """As `TransformTree.authorities`."""

@@ -43,6 +43,7 @@ LARGE_FOLDERS = {
     "client/zenoh_tf_client/tf2": "its files have the names of tf2_ros's, which scripts import",
     "docs/explanation/decisions": "one record for each decision",
     "docs/how-to": "one page for each task",
+    "tests/field": "one file for each part of the product that reports are about",
     "zenoh_tf": "one file for each class of the library",
 }
 MAX_LINES = 400

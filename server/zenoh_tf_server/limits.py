@@ -137,6 +137,11 @@ class Limits:
         "bytes of all remembered outcomes of writes; a client may hold as many as are left free",
         "the write is refused with `ServerBusy`",
     )
+    startup_ms: int = _limit(
+        5000,
+        "milliseconds after the server's start in which its publishers may not be back yet",
+        "an unknown frame is `LookupException` again, no longer `ServerStarting`",
+    )
     default_expiry_s: int = _limit(
         60,
         "seconds until the expiry of a write that names none",
@@ -202,6 +207,12 @@ class Limits:
         1200,
         "robots that `--mirror-of 'PATTERN'` finds until the server ends; they share the frames",
         "a further robot is left out, and named in the log",
+    )
+    robot_bytes: int = _limit(
+        256 << 20,
+        "bytes of robots' messages (`--mirror-of`) that wait to be applied, of all together; a "
+        "robot may hold as many as are left free",
+        "the robot's oldest message is dropped, and asked for again, or its tree is copied again",
     )
 
     def check(self, name: str, value: int) -> None:

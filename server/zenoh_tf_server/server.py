@@ -46,6 +46,7 @@ class Server(RunningServer):
             shared = Sharing(settings.sharing, settings.tree, instance, joined=joined)
             stack.callback(shared.close)
             tree = shared.make_tree(functools.partial(_make_tree, settings))
+            tree._begin_startup(0, limits.startup_ms * 1_000_000)
             state = State(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
             session = network.open_session(

@@ -15,7 +15,7 @@ import pytest
 import zenoh
 
 from tests.attack.processes import Server
-from tests.processes.servers import NO_STALE_PUTS
+from tests.processes.servers import TIMELESS
 from tests.support.runs import seed
 from zenoh_tf._core import TransformRows
 from zenoh_tf._net import zenoh_config
@@ -97,7 +97,13 @@ class Draw:
 
 def test_damaged_messages_of_ros_break_nothing() -> None:
     print(f"\nSEED={SEED}")
-    flags = ("--ros2", "--ros2-static-grace", "1s", *NO_STALE_PUTS)
+    flags = (
+        "--ros2",
+        "--ros2-static-grace",
+        "1s",
+        "--limit",
+        f"put_wait_ms={TIMELESS['put_wait_ms']}",
+    )
     with Server(sys.executable, *flags) as server:
         config = zenoh_config.client([server.endpoint], 5.0)
         with TransformClient.connect(server.endpoint) as tf, zenoh.open(config) as session:

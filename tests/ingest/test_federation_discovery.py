@@ -55,7 +55,8 @@ def test_tokens_of_anyone_take_no_more_than_the_limit(start_server: StartServer)
         tokens.append(opened.liveliness().declare_token("tf/v1/%zz/server/x"))
         site.wait_for_log("is left out")
         found = {key.partition("/")[2] for key in stats(tf) if key.startswith("robot_connected")}
-        assert found == {"r0", "r1", "r2"}
+        assert len(found) == 3
+        assert found <= {*names}
         del tokens
 
 

@@ -12,6 +12,7 @@ from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeReplay
 from zenoh_tf.errors import InvalidArgumentException, ServerBusy, ServerRestarted
 from zenoh_tf.mirrors.mirroring import Mirroring, MirrorRequest
+from zenoh_tf.mirrors.shared_bytes import SharedBytes
 from zenoh_tf_server.streams.publisher import RecentMessages
 
 SETTINGS = wire.TreeSettings(round(CACHE_S * 1e9), 64, 16, 255, 1000)
@@ -80,7 +81,9 @@ class Network:
     loss: float = 0.0
     kept_bytes: int = 1 << 20
     frees_ids: bool = False
-    mirroring: Mirroring = field(default_factory=lambda: Mirroring(mirror_tree, 1 << 20))
+    mirroring: Mirroring = field(
+        default_factory=lambda: Mirroring(mirror_tree, room=SharedBytes(2 << 20))
+    )
 
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
@@ -203,7 +206,7 @@ def test_the_old_copy_stays_until_the_new_one_is_complete() -> None:
 
 
 def test_too_many_waiting_messages_are_given_up() -> None:
-    network = Network(4, mirroring=Mirroring(mirror_tree, 20_000))
+    network = Network(4, mirroring=Mirroring(mirror_tree, room=SharedBytes(40_000)))
     for _ in range(200):  # nobody answers the plan
         network.server.write()
         network.mirroring.received(network.server.publish())

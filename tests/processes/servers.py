@@ -34,8 +34,9 @@ def starts() -> int:
     return _starts
 
 
-#: How long a put has waited depends on the machine, so only tests of this limit have its default.
-NO_STALE_PUTS = ("--limit", "put_wait_ms=600000")
+#: How long a put has waited depends on the machine, as does which frames are back how long after a
+#: server's start, so only tests of these limits have their defaults.
+TIMELESS = {"put_wait_ms": 600_000, "startup_ms": 1}
 
 
 class ServerProcess:
@@ -52,8 +53,9 @@ class ServerProcess:
         self._log = log
         self._log_from = 0
         where = () if "--connect" in flags else ("--listen", endpoint)
-        if not any("put_wait_ms" in flag for flag in flags):
-            flags = (*flags, *NO_STALE_PUTS)
+        for limit, value in TIMELESS.items():
+            if not any(limit in flag for flag in flags):
+                flags = (*flags, "--limit", f"{limit}={value}")
         with log.open("a") as errors:
             # Code of a subclass may change what an import does.
             start = forks.Popen if self.START[0] == "-m" else subprocess.Popen

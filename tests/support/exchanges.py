@@ -14,6 +14,7 @@ from zenoh_tf import wire
 from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import ServerBusy, TransformException
 from zenoh_tf_client.requests import writes
+from zenoh_tf_client.session import retries
 from zenoh_tf_client.session.exchange import Exchange
 from zenoh_tf_client.session.steps import Ask, Pause, Steps
 
@@ -65,8 +66,9 @@ class Random:
 def stop_time(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """Give the exchange a clock that only a test moves."""
     found = Clock()
-    for name, stand_in in (("time", found), ("random", Random())):
-        monkeypatch.setattr(sys.modules[Exchange.__module__], name, stand_in)
+    monkeypatch.setattr(sys.modules[Exchange.__module__], "time", found)
+    monkeypatch.setattr(retries, "time", found)
+    monkeypatch.setattr(retries, "random", Random())
     return found
 
 

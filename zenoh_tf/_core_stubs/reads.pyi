@@ -67,6 +67,7 @@ class Reads(Generic[N]):
         fixed_frame: str,
         at_ns: int,
     ) -> bool | N: ...  # False: nothing was written, as each time has to be looked up by itself
+    def _startup_ns(self) -> tuple[int, int] | N | None: ...  # see Tree._begin_startup; None: over
     def _frame_record(self, name: str) -> dict[str, Any] | N: ...  # FrameInfo's fields
     def _ancestor_records(
         self, target: str, source: str, stamp_ns: int | None

@@ -46,7 +46,7 @@ class ServerClock:
         """
         at_ns = now_ns()
         if real_ns is not None:
-            self._real = instance, real_ns - clock_ns
+            self.real_is(instance, clock_ns, real_ns)
         with self._lock:
             known = self._best
             if instance != self._latest:
@@ -56,6 +56,10 @@ class ServerClock:
             self._comparisons.append((clock_ns - begin_ns, at_ns))
             best = min(self._comparisons, key=lambda one: one[0] - one[1] // _DRIFT)
             self._best = known | {instance: best}
+
+    def real_is(self, instance: str, clock_ns: int, real_ns: int) -> None:
+        """Take it that a server's two clocks were `clock_ns` and `real_ns` at the same time."""
+        self._real = instance, real_ns - clock_ns
 
     def age_s(self, instance: str, clock_ns: int) -> float:
         """How long ago a server's clock was `clock_ns`, at most; infinite if it is not known."""

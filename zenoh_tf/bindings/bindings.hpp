@@ -47,15 +47,24 @@ struct LatestTransform : StampedTransform {
 // errors.BY_CODE[code](message, **facts)
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
 nb::object make_error(const Rejected& rejected);
+// The error of a frame that is not there, which may be because its server has just started.
+// `note` is appended to what is wrong.
+nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts,
+                         const std::string& note = "");
+// The code of a lookup's failure for Python, in a tree whose server is just starting or not.
+inline Code shown_code(const Failure& failure, bool is_starting) noexcept {
+  const bool is_unknown = failure.code == Code::lookup && failure.frame == 0;
+  return is_unknown && is_starting ? Code::starting : failure.code;
+}
 // The error of a lookup of `source` in `target`; `note` is appended to its message.
 nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
-                      const Failure& failure, nb::handle target, nb::handle source,
+                      Startup startup, const Failure& failure, nb::handle target, nb::handle source,
                       const std::string& note);
 template <class AnyTree>
 nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle target,
                       nb::handle source, const std::string& note = "") {
   return make_error([&](FrameId id) { return tree.name(failure, id); }, tree.options().max_depth,
-                    failure, target, source, note);
+                    tree.startup(), failure, target, source, note);
 }
 // The note of a lookup that timed out.
 std::string waited(double timeout_s);

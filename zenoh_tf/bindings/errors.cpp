@@ -8,6 +8,9 @@ namespace ztf {
 
 namespace {
 
+// When to ask again for a frame of a server that has just started.
+constexpr double kRetryAfterS = 0.1;
+
 std::string ns(Stamp stamp) { return std::to_string(stamp) + " ns"; }
 
 // A frame of a failure, which may have lost its name.
@@ -57,8 +60,23 @@ nb::object make_memory_error() {
                              .field = "host_memory"});
 }
 
+nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts,
+                         const std::string& note) {
+  const std::string frame = "frame " + quoted(text_of(name, "frame"));
+  facts["frame"] = name;
+  if (startup.is_over()) return make_error(Code::lookup, frame + " does not exist" + note, facts);
+  char age[32];
+  std::snprintf(age, sizeof age, "%.1f s", static_cast<double>(startup.elapsed_ns) * 1e-9);
+  facts["retry_after_s"] = kRetryAfterS;
+  return make_error(Code::starting,
+                    std::string("the server was started ") + age + " ago and has no " + frame +
+                        " yet" + note +
+                        ": its publisher may be coming back; try again, or wait with timeout_s",
+                    facts);
+}
+
 nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
-                      const Failure& f, nb::handle target, nb::handle source,
+                      Startup startup, const Failure& f, nb::handle target, nb::handle source,
                       const std::string& note) {
   const std::string target_name = quoted(text_of(target, "target_frame"));
   const std::string source_name = quoted(text_of(source, "source_frame"));
@@ -68,10 +86,9 @@ nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::u
   facts["source_frame"] = source;
   if (f.stamp != kNoStamp) facts["stamp_ns"] = f.stamp;
   std::string message;
-  if (f.code == Code::lookup && f.frame == 0) {
-    facts["frame"] = f.target == 0 ? target : source;
-    message = "frame " + (f.target == 0 ? target_name : source_name) + " does not exist";
-  } else if (f.code == Code::lookup) {
+  if (f.code == Code::lookup && f.frame == 0)
+    return unknown_frame(startup, f.target == 0 ? target : source, facts, note);
+  if (f.code == Code::lookup) {
     if (const std::string frame = name_of(f.frame); !frame.empty()) facts["frame"] = frame;
     message = "the path between " + target_name + " and " + source_name + at;
     if (max_depth != 0) {

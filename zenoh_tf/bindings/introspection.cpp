@@ -13,12 +13,7 @@ namespace {
 template <class AnyTree>
 FrameId known(const AnyTree& tree, nb::handle name) {
   const FrameId id = frame_of(tree, name, "frame").id;
-  if (id == 0) {
-    nb::dict facts;
-    facts["frame"] = name;
-    raise(make_error(Code::lookup, "frame " + quoted(text_of(name, "frame")) + " does not exist",
-                     facts));
-  }
+  if (id == 0) raise(unknown_frame(tree.startup(), name, nb::dict()));
   return id;
 }
 
@@ -320,6 +315,12 @@ void bind_introspection(nb::class_<T>& tree) {
            nb::arg("stamp_ns").none() = nb::none())
       .def("chain", method<&chain<T>>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
+      .def("_startup_ns",
+           [](const T& t) {
+             const Startup startup = t.startup();
+             return startup.is_over() ? nb::object(nb::none())
+                                      : nb::make_tuple(startup.elapsed_ns, startup.left_ns);
+           })
       .def("_frame_record", method<&frame_record<T>>, nb::arg("name"))
       .def("_ancestor_records", method<&ancestor_records<T>>, nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none());

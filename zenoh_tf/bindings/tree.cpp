@@ -199,6 +199,12 @@ void bind_tree(nb::module_& m) {
       .def(
           "_begin_lease", [](Tree& t, double seconds) { t.begin_lease(ns_of(seconds)); },
           nb::arg("duration_s"))
+      .def(
+          "_begin_startup",
+          [](Tree& t, std::int64_t elapsed_ns, std::int64_t left_ns) {
+            t.begin_startup({elapsed_ns, left_ns});
+          },
+          nb::arg("elapsed_ns"), nb::arg("left_ns"))
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
   bind_commit(tree);

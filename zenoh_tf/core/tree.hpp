@@ -171,6 +171,8 @@ class Tree : private TreeState {
   // Options::shared.
   [[nodiscard]] int descriptor() const noexcept { return region.descriptor(); }
   using TreeState::begin_lease;
+  using TreeState::begin_startup;
+  using TreeState::startup;
 
  private:
   [[nodiscard]] TreeTotals sum_totals() const noexcept;

@@ -42,4 +42,12 @@ void TreeState::begin_lease(std::int64_t duration_ns) noexcept {
   region.header().lease_ns.store(until, std::memory_order_seq_cst);
 }
 
+void TreeState::begin_startup(Startup startup) noexcept {
+  const std::int64_t now = clock_ns(CLOCK_MONOTONIC_COARSE);
+  region.header().started_ns.store(now - startup.elapsed_ns, std::memory_order_relaxed);
+  region.header().starting_until_ns.store(now + startup.left_ns, std::memory_order_release);
+}
+
+Startup TreeState::startup() const noexcept { return startup_of(region.header()); }
+
 }  // namespace ztf

@@ -105,6 +105,10 @@ struct TreeState {
   // time.
   void begin_lease(std::int64_t duration_ns) noexcept;
 
+  // The server started `startup.elapsed_ns` ago. For one thread at a time.
+  void begin_startup(Startup startup) noexcept;
+  [[nodiscard]] Startup startup() const noexcept;
+
   const Options options;
   Region region;
   Frame* const frames;

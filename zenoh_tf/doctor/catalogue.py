@@ -131,6 +131,16 @@ CATALOGUE: Final = (
         publishers.slow,
     ),
     Fault(
+        "TF108",
+        "a mirrored robot that is disconnected",
+        "Nothing comes from the server of a robot whose tree is mirrored (`--mirror-of`). Lookups "
+        "over its links answer with its last poses. A simulated clock stands still with them, so "
+        "they do not look old.",
+        "Check that the robot's server runs, and the network to it. `zenoh-tf stats` has how old "
+        "each robot's state is, as robot_age_s.",
+        publishers.lost_mirrors,
+    ),
+    Fault(
         "TF201",
         "a clock that is off",
         "The stamps of one computer do not fit those of the others, so lookups across them fail or "

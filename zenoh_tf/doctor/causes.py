@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 #: The faults that cause one, on the same link or by the same authority.
 _CAUSES: Final[dict[str, Collection[str]]] = {
     "TF101": {"TF102", "TF103", "TF402"},
-    "TF104": {"TF207"},
-    "TF105": {"TF104", "TF101", "TF207"},
+    "TF104": {"TF108", "TF207"},
+    "TF105": {"TF104", "TF101", "TF108", "TF207"},
     "TF107": {
-        *("TF102", "TF103", "TF104", "TF105", "TF106"),
+        *("TF102", "TF103", "TF104", "TF105", "TF106", "TF108"),
         *("TF201", "TF203", "TF205", "TF206", "TF207", "TF208", "TF210"),
     },
     "TF201": {"TF203", "TF206", "TF207"},

@@ -8,6 +8,7 @@ from typing import Final
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.takeovers import takeovers
 from zenoh_tf.doctor.words import Evidence, authority, listed, times, window
+from zenoh_tf.introspection.sentences import mirror_is_lost
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S, age
 
@@ -134,6 +135,14 @@ def _sent_once_ago_s(facts: TreeFacts, link: LinkFacts) -> float | None:
         return None
     others = (each for each in facts.dynamic if each.frame.samples > 1)
     return None if all(facts.has_stopped(each) for each in others) else late_s
+
+
+def lost_mirrors(facts: TreeFacts) -> Evidence:
+    lost = {each.name: each for each in facts.authorities if each.mirror_lost_s is not None}
+    for link in facts.links:
+        source = lost.get(link.frame.authority)
+        if source is not None and link.frame.parent is not None:
+            yield link.frame.name, f"{mirror_is_lost(source)}; this is its last pose"
 
 
 def gaps(facts: TreeFacts) -> Evidence:

@@ -12,14 +12,25 @@ from dataclasses import replace
 from operator import index
 from typing import Final, Protocol, TypeVar
 
+from zenoh_tf.errors import ServerStarting
 from zenoh_tf.introspection import sentences
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
-from zenoh_tf.introspection.frame_info import FrameInfo
+from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.text import quoted
 from zenoh_tf.text.similar import did_you_mean, spelling
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
-__all__ = ["explain", "is_connected", "is_stopped", "path_to_root", "stopped_after_s"]
+__all__ = [
+    "explain",
+    "is_connected",
+    "is_of_mirror",
+    "is_stopped",
+    "path_to_root",
+    "starting",
+    "stopped_after_s",
+    "unknown_frames",
+    "with_lost_mirrors",
+]
 
 #: A link has stopped if nothing has come for so many of its periods, and for so long.
 _STOPPED_PERIODS: Final = 10
@@ -103,6 +114,42 @@ def explain(
         return _with_reasons(_unconnected(base, names), moves)
     chain = _chain(from_target, from_source)
     return _explain_chain(base, chain, reference, recorded=recorded)
+
+
+def unknown_frames(found: Explanation) -> list[str]:
+    """The names of a lookup that the tree did not have."""
+    roots = {found.target: found.target_root, found.source: found.source_root}
+    return [name for name, root in roots.items() if root is None]
+
+
+def starting(found: Explanation, error: ServerStarting) -> Explanation:
+    """Return why a lookup fails that failed because of an unknown frame, whose server said so."""
+    first, _, advice = str(error).partition(": ")
+    reasons = found.reasons if found.error == type(error).__name__ else ()
+    return replace(
+        found,
+        error=type(error).__name__,
+        reasons=(*reasons, f"{first[:1].upper()}{first[1:]}."),
+        advice=(f"{advice[:1].upper()}{advice[1:]}.",),
+    )
+
+
+def with_lost_mirrors(found: Explanation, authorities: Iterable[AuthorityInfo]) -> Explanation:
+    """Add which links are the last ones that came of a robot that is disconnected."""
+    used = {link.authority for link in found.links}
+    lost = [each for each in authorities if each.mirror_lost_s is not None and each.name in used]
+    reasons = [f"{sentences.mirror_is_lost(each)}, and its last poses are served." for each in lost]
+    advice = "Check that its server runs, and the network to it."
+    return replace(
+        found,
+        reasons=(*found.reasons, *dict.fromkeys(f"{x[:1].upper()}{x[1:]}" for x in reasons)),
+        advice=(*found.advice, advice) if reasons else found.advice,
+    )
+
+
+def is_of_mirror(found: Explanation) -> bool:
+    """Whether the server may have a link from a robot that it mirrors."""
+    return any(":" in link.authority for link in found.links)
 
 
 def _explain_chain(

@@ -214,6 +214,8 @@ class AuthorityInfo:
         clock_offset_max_s: Greatest lead. It has the least delay in it: the authority's clock is
             ahead of the server's by this much or more.
         stamp_age_s: How old the newest stamp of its last message was on arrival.
+        mirror_lost_s: Of a robot whose tree the server mirrors (``--mirror-of``): for how many
+            seconds nothing has come from its server. ``None``: it is connected, or no such robot's.
     """
 
     name: str
@@ -229,6 +231,7 @@ class AuthorityInfo:
     clock_offset_min_s: float | None = None
     clock_offset_max_s: float | None = None
     stamp_age_s: float | None = None
+    mirror_lost_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
-from zenoh_tf.introspection.frame_info import AHEAD_S, FrameInfo, is_post_dated
+from zenoh_tf.introspection.frame_info import AHEAD_S, AuthorityInfo, FrameInfo, is_post_dated
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
@@ -33,6 +33,14 @@ TOO_EARLY: Final = (
 def name(link: LinkReport) -> str:
     """Return a link as its frames."""
     return f"{quoted(link.parent)} -> {quoted(link.child)}"
+
+
+def mirror_is_lost(source: AuthorityInfo) -> str:
+    """Return which robot's mirror is disconnected, of one of its authorities, and for how long."""
+    robot = source.name.partition(":")[0]
+    return (
+        f"the mirror of {robot} is disconnected for {age(round((source.mirror_lost_s or 0) * 1e9))}"
+    )
 
 
 def publisher(link: LinkReport) -> str:

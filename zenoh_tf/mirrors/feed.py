@@ -29,6 +29,7 @@ from zenoh.handlers import RingChannel
 from .. import threads, wire
 from .._net.server_clock import COMPARISONS, ServerClock, now_ns
 from ..errors import (
+    LimitExceeded,
     ProtocolError,
     ServerBusy,
     ServerRestarted,
@@ -41,6 +42,7 @@ from .copy import Observer
 from .free_memory import give_back_soon
 from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
 from .own_threads import OwnThreads
+from .shared_bytes import SharedBytes
 from .source import Source, State
 from .steps import PART_WAIT_S, Ask, AskStatus, Pause, Runner, Steps
 from .stream_guard import Alarm, is_ahead, senders
@@ -82,6 +84,7 @@ class MirrorFeed:
         *,
         keeps_tree: bool = True,
         runner: Runner | None = None,
+        room: SharedBytes | None = None,
     ) -> None:
         """Begin to listen. Calls `on_copy` with each new copy of the tree and its instance, before
         `state` has it, and with None at the end.
@@ -95,8 +98,10 @@ class MirrorFeed:
         self.on_change: Callable[[], object] = lambda: None
         #: Read without the lock, which is held while changes are applied.
         self.state = State()
-        self._mirroring = Mirroring(
-            make_tree, interest=interest, observer=observer, keeps_tree=keeps_tree
+        self.clock = ServerClock()
+        #: Others only read it.
+        self.mirroring = Mirroring(
+            make_tree, interest, observer, keeps_tree=keeps_tree, room=room, clock=self.clock
         )
         self._interest = interest
         self._changed = threading.Condition()  # guards all but `state`
@@ -114,8 +119,8 @@ class MirrorFeed:
         #: Grows with the messages that have come. Written by the listening thread alone.
         self.heard = 0
         self.silent_at = -1  #: What `heard` was when nothing had come for seconds.
+        self._credit = 0  # bytes that `poll` may apply now
         self._is_applying = False  # written by the listening thread alone
-        self.clock = ServerClock()
         #: Another one once the stream was silent.
         self.subscriber = source.subscribe(RingChannel(_RING_MESSAGES))
         self._thread = self._runner.listen(self)
@@ -126,18 +131,7 @@ class MirrorFeed:
     @property
     def snapshots(self) -> int:
         """How many snapshots were begun."""
-        return self._mirroring.snapshots
-
-    @property
-    def contradictions(self) -> int:
-        """How often the copy was given up because the server says otherwise: somebody else has
-        put messages on its stream."""
-        return self._mirroring.contradictions
-
-    @property
-    def reach_seq(self) -> int:
-        """The number of the last commit that a read may have seen until now."""
-        return self._mirroring.reach_seq
+        return self.mirroring.snapshots
 
     def age_s(self, state: State | None = None) -> float:
         """How old the copy, or what it was in a state, is at most; infinite before there is one."""
@@ -172,7 +166,7 @@ class MirrorFeed:
     def connection_changed(self) -> None:
         """Accept that messages may come once more: another connection may lag behind the last."""
         with self._changed:
-            self._mirroring.connection_changed()
+            self.mirroring.connection_changed()
 
     def close(self) -> None:
         """Listen no more. May be called again."""
@@ -193,12 +187,13 @@ class MirrorFeed:
         Thread safety: one thread."""
         subscriber = self.subscriber
         batch: list[zenoh.Sample] = []
-        size = 0
+        # A feed that takes more in one message than it may waits in as many turns.
+        self._credit = min(self._credit, 0) + _POLL_BYTES
         try:
             receive = subscriber.handler.try_recv
-            while len(batch) < _POLL_MESSAGES and size < _POLL_BYTES and (sample := receive()):
+            while len(batch) < _POLL_MESSAGES and self._credit > 0 and (sample := receive()):
                 batch.append(sample)
-                size += len(sample.payload)
+                self._credit -= len(sample.payload)
         except (zenoh.ZError, RuntimeError):  # undeclared, or another thread does that now
             self.closed = self.closed or subscriber is self.subscriber
         if batch:
@@ -243,7 +238,7 @@ class MirrorFeed:
     def _restart(self) -> None:
         with self._changed:
             if self.state.synced:  # else a request is under way, or waits
-                self._mirroring.restart()
+                self.mirroring.restart()
                 self._proceed()
 
     def _subscribe_again(self) -> None:
@@ -257,28 +252,28 @@ class MirrorFeed:
 
     def _received(self, sender: str, data: bytes) -> None:
         with self._changed:
-            if self._mirroring.followed not in ("", sender):
+            if self.mirroring.followed not in ("", sender):
                 if not self._is_checking:  # it may be a new server, or anybody's
                     self._is_checking = True  # the routine may end before `run` returns
                     if not self._runner.run(self, self._check_server()):
                         self._is_checking = False
                 return
             try:
-                self._mirroring.received(data, sender)
-            except ProtocolError as error:  # what follows it is a gap
+                self.mirroring.received(data, sender)
+            except (LimitExceeded, ProtocolError) as error:  # what follows it is a gap
                 level = logging.DEBUG if self._has_warned else logging.WARNING
                 self._has_warned = True
                 log.log(level, "a message of the commit stream is malformed: %s", error)
             except Exception:
                 log.exception("internal error while a mirror applied a message; it restarts")
-                self._mirroring.restart()
+                self.mirroring.restart()
             self._proceed()
 
     def _proceed(self) -> None:
         """Send requests, and report what has changed. Requires the lock."""
         if self.closed:
             return
-        m = self._mirroring
+        m = self.mirroring
         self._alarm.record(m.contradictions)
         has_copy = self._accept_copy()
         for request in m.take_requests():
@@ -291,16 +286,16 @@ class MirrorFeed:
 
     def _accept_copy(self) -> bool:
         """Report a new copy. False: the owner has rejected it, and the next one comes."""
-        tree = self._mirroring.tree
+        tree = self.mirroring.tree
         if tree is not self.state.tree and tree is not self._refused:
             self._pauses = threads.pauses(_FIRST_PAUSE_S, _LONGEST_PAUSE_S)
             self._error = self._refused = None
             try:
-                self._on_copy(tree, self._mirroring.state.instance)
+                self._on_copy(tree, self.mirroring.state.instance)
             except Exception:  # the thread must not end: nobody else would make a copy
                 log.exception("internal error while a new copy was loaded; it is loaded again")
                 self._refused = tree
-                self._mirroring.restart()  # its request waits for its turn
+                self.mirroring.restart()  # its request waits for its turn
             if tree is not None and self.state.tree is not None:
                 self._runner.run(self, give_back_soon())
         return tree is not self._refused or tree is None
@@ -310,6 +305,7 @@ class MirrorFeed:
         with self._changed:
             self.closed = True
             self.state = State()
+            self.mirroring.restart()  # nothing waits any more
             self._on_copy(None, "")
             self._changed.notify_all()
             self.on_change()
@@ -336,17 +332,17 @@ class MirrorFeed:
             return
         with self._changed:
             try:
-                self._mirroring.answered(request.number, reply)
+                self.mirroring.answered(request.number, reply)
             except Exception:
                 log.exception("internal error while a mirror took a reply; it restarts")
-                self._mirroring.restart()
+                self.mirroring.restart()
             self._proceed()
 
     def _wait_for_turn(self, request: MirrorRequest) -> Steps[bool]:
         """Wait until the next snapshot may begin. False: this one is of no use any more."""
         while True:
             with self._changed:
-                if self.closed or not self._mirroring.awaits(request.number):
+                if self.closed or not self.mirroring.awaits(request.number):
                     return False
                 pause_s = self._next_snapshot_s - time.monotonic()
                 if pause_s <= 0:
@@ -365,7 +361,7 @@ class MirrorFeed:
             pause_s = next(self._pauses)
         if not (yield Pause(pause_s)):
             with self._changed:
-                self._mirroring.failed(request.number, error)
+                self.mirroring.failed(request.number, error)
                 self._proceed()
 
     # --- clocks
@@ -381,7 +377,7 @@ class MirrorFeed:
         if is_ahead(state, server):
             with self._changed:
                 if self.state.tree is state.tree:
-                    self._mirroring.contradicted()
+                    self.mirroring.contradicted()
                     self._proceed()
         return True
 
@@ -395,6 +391,6 @@ class MirrorFeed:
         finally:  # after any other error, too: the next message checks again
             with self._changed:
                 self._is_checking = False
-                if instance and self._mirroring.followed not in ("", instance):
-                    self._mirroring.restart()
+                if instance and self.mirroring.followed not in ("", instance):
+                    self.mirroring.restart()
                     self._proceed()

@@ -3,7 +3,8 @@
 A message has a gap before it if it does not follow the last one that the copy has. Then it waits,
 as do all that come after it, while `Mirroring` asks the server for the missed ones. Their reply
 closes the gap. If the server has evicted them, or too many bytes wait, the mirror restarts with a
-snapshot. Messages that come while a snapshot is loaded wait here as well.
+snapshot. Messages that come while a snapshot is loaded wait here as well, as the bytes that came:
+decoded they may take twenty times as much.
 
 Internal: for `zenoh_tf.mirrors.mirroring`.
 """
@@ -11,21 +12,41 @@ Internal: for `zenoh_tf.mirrors.mirroring`.
 from __future__ import annotations
 
 from collections import deque
-from typing import Final
+from typing import Final, NamedTuple
 
 from .. import wire
 from .copy import Copy
+from .shared_bytes import SharedBytes
 
 #: What a message costs beside its bytes, roughly.
 _OVERHEAD_BYTES: Final = 1000
+#: What one message may take when it is decoded. Those of a server take a tenth of it.
+_DECODED_BYTES: Final = 128 << 20
+
+
+def decode(data: bytes) -> wire.StreamMessage:
+    """A message of the stream. Raises ProtocolError and LimitExceeded."""
+    return wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES, _DECODED_BYTES))
+
+
+class _Waiting(NamedTuple):
+    instance: str
+    first: int
+    last: int
+    data: bytes
+
+    @property
+    def size(self) -> int:
+        return len(self.data) + _OVERHEAD_BYTES
 
 
 class WaitingMessages:
     """The messages that wait for missed ones, or for a snapshot."""
 
-    def __init__(self, max_bytes: int) -> None:
-        self._max_bytes = max_bytes
-        self._waiting: deque[tuple[wire.StreamMessage, int]] = deque()  # and their bytes
+    def __init__(self, room: SharedBytes) -> None:
+        """`room`: for what waits here, and in other mirrors that share it."""
+        self._room = room
+        self._waiting: deque[_Waiting] = deque()
         self._bytes = 0
         #: Whether messages are missing between the copy and those that wait.
         self.has_gap = False
@@ -35,32 +56,34 @@ class WaitingMessages:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, message: wire.StreamMessage, size: int) -> bool:
-        """Let a message wait. False if too many bytes do."""
-        size += _OVERHEAD_BYTES
-        self._waiting.append((message, size))
-        self._bytes += size
-        return self._bytes <= self._max_bytes
+    def add(self, message: wire.StreamMessage, data: bytes) -> bool:
+        """Let a message wait, which came as `data`. False if too many bytes do."""
+        waiting = _Waiting(message.instance, message.first, message.last, data)
+        if not self._room.take(self._bytes, waiting.size):
+            return False
+        self._waiting.append(waiting)
+        self._bytes += waiting.size
+        return True
 
     def take_next(self, seq: int) -> wire.StreamMessage | None:
         """Return the next message if it follows `seq`; else there is a gap before it."""
-        self.has_gap = bool(self._waiting) and self._waiting[0][0].first > seq + 1
+        self.has_gap = bool(self._waiting) and self._waiting[0].first > seq + 1
         if self.has_gap or not self._waiting:
             return None
-        message, size = self._waiting.popleft()
-        self._bytes -= size
-        return message
+        waiting = self._waiting.popleft()
+        self._free(waiting.size)
+        return decode(waiting.data)
 
     def request(self, copy: Copy, interest: wire.Interest | None) -> wire.Message:
         """The request for the messages that the copy lacks."""
-        self.asked_until = max((m.last for m, _ in self._waiting), default=0)
+        self.asked_until = max((waiting.last for waiting in self._waiting), default=0)
         return wire.missed_request(copy.instance, copy.seq + 1, interest)
 
     def close_gap(self, copy: Copy, missed: list[bytes]) -> None:
         """Apply the missed messages."""
         copy.repeats.clear()
         for data in missed:
-            message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
+            message = decode(data)
             if message.first <= copy.seq + 1:
                 copy.repeats[message.last] = hash(data)
                 copy.apply(message)
@@ -68,12 +91,16 @@ class WaitingMessages:
 
     def keep_only(self, instance: str) -> None:
         """Drop the messages of other server instances."""
-        kept = [(m, size) for m, size in self._waiting if m.instance == instance]
-        self._waiting = deque(kept)
-        self._bytes = sum(size for _, size in kept)
+        kept = deque(waiting for waiting in self._waiting if waiting.instance == instance)
+        self._free(self._bytes - sum(waiting.size for waiting in kept))
+        self._waiting = kept
 
     def clear(self) -> None:
         """Drop all messages."""
         self._waiting.clear()
-        self._bytes = 0
+        self._free(self._bytes)
         self.has_gap = False
+
+    def _free(self, size: int) -> None:
+        self._room.give_back(size)
+        self._bytes -= size

@@ -24,6 +24,7 @@ from typing import Any, Final
 
 from .. import wire
 from .._core import ChangeReplay
+from .._net.server_clock import ServerClock
 from ..errors import (
     ProtocolError,
     ServerBusy,
@@ -33,7 +34,8 @@ from ..errors import (
 )
 from ..tree import TransformTree
 from .copy import Copy, Observer
-from .gaps import WaitingMessages
+from .gaps import WaitingMessages, decode
+from .shared_bytes import SharedBytes
 from .source import State
 
 #: Requests for pieces that are under way at once.
@@ -41,8 +43,8 @@ _IN_FLIGHT: Final = 2
 #: Errors after which the same request is sent again. After others, also ServerRestarted, the
 #: mirror restarts with a snapshot.
 _TRANSIENT: Final = (ServerBusy, ServerUnavailable, TimeoutException)
-#: Most bytes of messages that wait for a snapshot or for missed ones.
-MAX_WAITING_BYTES: Final = 256 << 20
+#: For the messages that wait for a snapshot or for missed ones; one mirror may use half of it.
+_WAITING_BYTES: Final = 512 << 20
 #: No server draws so many commit numbers between two messages.
 _MAX_NUMBERS: Final = 1 << 24
 
@@ -70,6 +72,8 @@ def make_tree(settings: wire.TreeSettings, instance: str, **options: Any) -> Tra
         max_depth=settings.max_depth,
         **options,
     )
+    if settings.startup_ns is not None:
+        tree._begin_startup(*settings.startup_ns)
     for child, limits in settings.motion_limits.items():
         tree._set_motion_limits(child, *limits)
     return tree
@@ -81,20 +85,26 @@ class Mirroring:
     def __init__(
         self,
         make_tree: MakeTree = make_tree,
-        max_waiting_bytes: int = MAX_WAITING_BYTES,
         interest: wire.Interest | None = None,
         observer: Observer | None = None,
         *,
         keeps_tree: bool = True,
+        room: SharedBytes | None = None,
+        clock: ServerClock | None = None,
     ) -> None:
-        """With `keeps_tree` False, trees stay empty: what comes goes to the observer alone."""
+        """With `keeps_tree` False, trees stay empty: what comes goes to the observer alone.
+
+        `room`: for messages that wait, which other mirrors share. `clock`: what the stream says of
+        the server's real-time clock goes there.
+        """
+        self._clock = clock
         self._observer = observer
         self._keeps_tree = keeps_tree
         self._make_tree = make_tree
         self._interest = interest
         self._live: Copy | None = None  # the last complete copy
         self._next: Copy | None = None  # that replaces it
-        self._waiting = WaitingMessages(max_waiting_bytes)
+        self._waiting = WaitingMessages(room or SharedBytes(_WAITING_BYTES))
         self._requests: dict[
             int, wire.SnapshotRequest | None
         ] = {}  # under way; None: the plan, or missed ones
@@ -135,13 +145,15 @@ class Mirroring:
 
     def received(self, data: bytes, sender: str | None = None) -> None:
         """Take a message of `sender`'s stream. ProtocolError: nothing has changed."""
-        message = wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES))
+        message = decode(data)
         if sender not in (None, message.instance):
             raise ProtocolError("the message names another server instance", field="instance")
         if message.last - message.first >= _MAX_NUMBERS:
             self.contradicted()
             return
         copy = self._copy
+        if self._clock is not None and message.real_ns is not None:
+            self._clock.real_is(message.instance, message.clock_ns, message.real_ns)
         if copy is not None and message.instance != copy.instance:
             self.restart()  # of a server that has gone, or that has come
         elif (
@@ -158,7 +170,7 @@ class Mirroring:
                 self._apply(copy, message)
             return
         # The message waits: for the copy, or for missed ones because there is a gap before it.
-        if self._waiting.add(message, len(data)):
+        if self._waiting.add(message, data):
             self._advance()
         else:
             self.restart()

@@ -108,7 +108,6 @@ from .stream import (
     SnapshotPlan,
     SnapshotRequest,
     StreamMessage,
-    TreeSettings,
     missed_reply,
     missed_request,
     parse_missed_reply,
@@ -124,3 +123,4 @@ from .stream import (
     snapshot_request,
     stream_body,
 )
+from .tree_settings import TreeSettings

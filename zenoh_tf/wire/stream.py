@@ -6,7 +6,7 @@ The columns are those of `zenoh_tf._core.ChangeLog` and `ChangeReplay`, as tuple
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from .._core import TransformRows
 from .error_codec import raise_error
-from .estimates import MotionLimits, motion_limits_fields, parse_motion_limits
 from .fields import (
     F64,
     I64,
@@ -36,6 +35,7 @@ from .fields import (
     texts,
 )
 from .interest import Interest
+from .tree_settings import TreeSettings, parse_tree_settings
 
 #: Kinds of changes, as in records/change_log.hpp. The first two have a sample.
 SAMPLE: Final = 0
@@ -126,6 +126,7 @@ class StreamMessage:
     last: int
     clock_ns: int  # the server's clock when the message was made
     changes: Changes | None = None
+    real_ns: int | None = None  # its real-time clock at that time; None if it does not say
 
 
 def stream_body(message: StreamMessage) -> Message:
@@ -137,6 +138,8 @@ def stream_body(message: StreamMessage) -> Message:
         "last": message.last,
         "clock_ns": message.clock_ns,
     }
+    if message.real_ns is not None:
+        body["real_ns"] = message.real_ns
     if message.changes is not None:
         body |= _fields(message.changes)
     return body
@@ -167,6 +170,7 @@ def parse_stream(body: Message) -> StreamMessage:
         integer(body, "first", low=1),
         integer(body, "last", low=0),
         integer(body, "clock_ns"),
+        real_ns=integer(body, "real_ns") if "real_ns" in body else None,
     )
     if message.last < message.first - 1:
         raise malformed("last", "at least first - 1")
@@ -209,22 +213,6 @@ def _parents(body: Message, field: str, rows: int, names: int) -> NDArray[np.uin
 
 
 @dataclass(slots=True)
-class TreeSettings:
-    """The settings that a mirror's tree must share with the server's."""
-
-    cache_ns: int
-    max_frames: int
-    max_samples_per_frame: int
-    max_name_bytes: int
-    max_depth: int
-    motion_limits: MotionLimits = field(default_factory=dict)
-
-    def fields(self) -> Message:
-        numbers = {name: getattr(self, name) for name in self.__slots__[:-1]}
-        return numbers | motion_limits_fields(self.motion_limits)
-
-
-@dataclass(slots=True)
 class SnapshotPlan:
     """How a snapshot is pulled: piece i has the ids above bounds[i], up to bounds[i + 1]."""
 
@@ -250,11 +238,6 @@ def snapshot_plan_reply(plan: SnapshotPlan) -> Message:
 def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
     """The plan in a reply. Raises the error that it carries, or ProtocolError."""
     raise_error(reply)
-    settings = mapping(reply, "settings")
-    numbers = {
-        name: integer(settings, name, low=0 if name == "max_depth" else 1)  # 0: no limit
-        for name in TreeSettings.__slots__[:-1]
-    }
     bounds = column(reply, "bounds", U32)
     changes = _parse(reply) if "kind" in reply else None
     if (changes is None and bounds.size < 2) or bool(np.any(bounds[:-1] > bounds[1:])):
@@ -263,7 +246,7 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
         integer(reply, "seq", low=0),
         flag(reply, "reparented"),
         bounds,
-        TreeSettings(**numbers, motion_limits=parse_motion_limits(settings)),
+        parse_tree_settings(mapping(reply, "settings")),
         integer(reply, "clock_ns"),
         changes,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from zenoh_tf import AuthorityInfo, ClientInfo, Explanation
+from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
@@ -39,7 +40,17 @@ class AsyncIntrospection:
         if type(frames) is AskServer:
             frames = await self._reads.ask(frames, info.ancestors(target, source, stamp_ns))
         names = [] if explaining.is_connected(target, source, frames) else await self.frames()
-        return explaining.explain(target, source, stamp_ns, frames, names)
+        found = explaining.explain(target, source, stamp_ns, frames, names)
+        for name in explaining.unknown_frames(found):
+            try:
+                await self._connection.call(info.frame(name))
+            except ServerStarting as error:
+                found = explaining.starting(found, error)
+            except LookupException:
+                pass
+        if explaining.is_of_mirror(found):
+            found = explaining.with_lost_mirrors(found, await self.authorities())
+        return found
 
     async def authorities(self) -> list[AuthorityInfo]:
         """As `TransformTree.authorities`."""

@@ -48,7 +48,7 @@ class FailoverExchange(Exchange):
 
     def call(self, request: Request[T]) -> Steps[T]:
         """As `Exchange.call`, at any of the endpoints."""
-        deadline_s = time.monotonic() + self._timeout_s + request.wait_s
+        deadline_s = time.monotonic() + self.timeout_s + request.wait_s
         while True:
             attempt = _Attempt(self, deadline_s, writes=request.writes)
             try:

@@ -21,6 +21,9 @@ from .transaction_reads import OwnWrites
 
 #: A stream with heartbeats every 0.1 s that is silent for so long may have lost its link.
 _SILENCE_S: Final = 0.4
+#: A mirror that has not heard of its server for longer is disconnected; with a rate, its period is
+#: added.
+_SILENT_S: Final = 2.0
 
 _all: Final[weakref.WeakSet[BaseMirror]] = weakref.WeakSet()
 
@@ -39,6 +42,7 @@ class BaseMirror(MirrorReads):
             raise must_be("timeout_s", "positive", timeout_s)
         self._tree_name = connection.tree
         self._interest = interest
+        self._silent_s = _SILENT_S + (interest.period_ns / 1e9 if interest else 0.0)
         self._current: TransformTree | None = None  # None: closed, or forked
         weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
 

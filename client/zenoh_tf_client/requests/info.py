@@ -33,10 +33,12 @@ def hello(
     user: str | None = None,
     client: str | None = None,
     clock_ns: int | None = None,
-    round_trip_ns: int | None = None,
+    round_trip: tuple[int, int] | None = None,
 ) -> Request[dict[str, Any]]:
-    """`clock_ns`: this machine's real-time clock. `round_trip_ns`: of the last such request."""
-    clocks = {"clock_ns": clock_ns, "round_trip_ns": round_trip_ns}
+    """`clock_ns`: this machine's real-time clock. `round_trip`: of the last such request that was
+    answered, in nanoseconds, and its `clock_ns`."""
+    took_ns, of_ns = round_trip or (None, None)
+    clocks = {"clock_ns": clock_ns, "round_trip_ns": took_ns, "round_trip_of_ns": of_ns}
     return _info(dict, "hello", user=user, client=client, **clocks)
 
 

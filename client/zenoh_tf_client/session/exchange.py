@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import random
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +23,6 @@ from zenoh_tf._net import keys
 from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import (
     OutcomeUnknown,
-    ServerBusy,
     ServerRestarted,
     ServerUnavailable,
     TransformException,
@@ -32,6 +30,7 @@ from zenoh_tf.errors import (
 
 from ..requests import info
 from ..requests.request import Request
+from . import retries
 from .access import Access
 from .seen_states import SeenStates
 from .server_info import Replica, ServerInfo, parse_server_info
@@ -65,7 +64,7 @@ class Exchange:
         self._tree = tree
         self._address = address
         self._user = user
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
         self.keys = {name: zenoh.KeyExpr(keys.request(tree, name)) for name in keys.REQUEST_TYPES}
         #: The id by which the server distinguishes clients; known once the session is open.
@@ -74,6 +73,7 @@ class Exchange:
         self.server: ServerInfo | None = None
         #: The id of the router that the client sits on; the connection knows it.
         self.router: Callable[[], str | None] = lambda: None
+        self.absence = retries.Absence(self)
         #: What answers reads in place of the server; None if there is none.
         self.replica: Replica | None = None
         #: A replica has been there, so a read may be older than what another client has seen.
@@ -85,7 +85,8 @@ class Exchange:
         self._next_greeting_s = 0.0  # of the replica
         #: What this client may do; None if the server has no access rules.
         self.access: Access | None = None
-        self._round_trip_ns: int | None = None  # of the last hello
+        #: Of the last hello that was answered: how long it took, and the clock in it.
+        self._round_trip: tuple[int, int] | None = None
         self.next_hello_s = 0.0
         self._id_prefix = os.urandom(8)  # of a request id, followed by a count
         self._id_count = itertools.count()
@@ -96,11 +97,12 @@ class Exchange:
         Raises ServerUnavailable if it does not answer within `timeout_s`, or the usual time-out.
         """
         self.next_hello_s = time.monotonic() + self._clock_period_s()
-        request = self._hello_request()
+        clock_ns = time.time_ns()
+        request = self._hello_request(clock_ns)
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
-        reply = decode((yield Ask(self.keys["hello"], payload, timeout_s or self._timeout_s)))
-        self._check_instance(reply)
+        reply = decode((yield Ask(self.keys["hello"], payload, timeout_s or self.timeout_s)))
+        self.check_instance(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
             if self.replica is None:
@@ -109,12 +111,13 @@ class Exchange:
                 f"the primary of tree {self._tree!r} does not answer: writes fail until it is "
                 f"back; the replica at {self._address} answers reads"
             )
-        self._round_trip_ns = now_ns - begin_ns
+        self._round_trip = now_ns - begin_ns, clock_ns
         value = request.parse(reply)
         if self.replica is None:  # which has the rules for its clients
             self._take_access(value)
         server = parse_server_info(value, now_ns)
         self.server = server
+        self.absence.ended()
         return server
 
     def greet(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
@@ -122,7 +125,7 @@ class Exchange:
 
         Raises ServerUnavailable if neither answers within `timeout_s`, or the usual time-out.
         """
-        timeout_s = timeout_s or self._timeout_s
+        timeout_s = timeout_s or self.timeout_s
         deadline_s = time.monotonic() + timeout_s
         replica = yield from self._find_replica(timeout_s)
         if replica is not None:
@@ -139,7 +142,7 @@ class Exchange:
                 name: zenoh.KeyExpr(keys.replica_request(self._tree, router, name))
                 for name in keys.REPLICA_REQUEST_TYPES
             }
-            request = self._hello_request()
+            request = self._hello_request(time.time_ns())
             # Zenoh ends the query at once if nobody has this key.
             reply = decode((yield Ask(near["hello"], wire.pack(request.body()), timeout_s)))
             if not isinstance(reply, NoReply) and "error" not in reply:
@@ -159,11 +162,11 @@ class Exchange:
             None if access is None else Access(self._tree, self._address, self._user, access)
         )
 
-    def _hello_request(self) -> Request[dict[str, Any]]:
-        return info.hello(self._user, self.client_id, time.time_ns(), self._round_trip_ns)
+    def _hello_request(self, clock_ns: int) -> Request[dict[str, Any]]:
+        return info.hello(self._user, self.client_id, clock_ns, self._round_trip)
 
     def _clock_period_s(self) -> float:
-        return _FIRST_CLOCK_PERIOD_S if self._round_trip_ns is None else _CLOCK_PERIOD_S
+        return _FIRST_CLOCK_PERIOD_S if self._round_trip is None else _CLOCK_PERIOD_S
 
     def call(self, request: Request[T]) -> Steps[T]:
         """Send a request; return its result, or raise its error.
@@ -174,7 +177,7 @@ class Exchange:
         return self._write(request) if request.writes else self._read(request)
 
     def _read(self, request: Request[T]) -> Steps[T]:
-        timeout_s = self._timeout_s + request.wait_s
+        timeout_s = self.timeout_s + request.wait_s
         deadline_s = time.monotonic() + timeout_s
         replica_refusal: wire.Message | None = None
         if self.server is None or self.replica is not None:  # not the common case
@@ -209,13 +212,22 @@ class Exchange:
         message = decode(reply)
         if not self.is_served(message):
             key, payload = query.key, query.payload
-            message = yield from self._retry_while_busy(message, key, payload, query.deadline_s)
-            if isinstance(message, NoReply):
+            give_up_s = min(time.monotonic() + retries.ABSENT_S, query.deadline_s)
+            while True:
+                message = yield from retries.while_busy(
+                    self, message, key, payload, query.deadline_s
+                )
+                if not isinstance(message, NoReply):
+                    break
                 if query.replica_refusal is not None:
                     wire.raise_error(query.replica_refusal)
                 if message.at_once:
                     yield from self._check_new_rules(request)
-                raise ServerUnavailable(message.reason)
+                if not message.at_once or not self.absence.may_end(give_up_s):
+                    raise ServerUnavailable(message.reason)
+                yield Pause(retries.PAUSE_S)
+                left_s = query.deadline_s - time.monotonic()
+                message = decode((yield Ask(key, payload, max(left_s, 0.001))))
         self.replica_age_s = None
         if self.reads_may_be_old and type(message.get("seq")) is int:
             self.seen.record_server(wire.text(message, "instance"), message["seq"], query.seen)
@@ -239,7 +251,7 @@ class Exchange:
         is one. None: the server is to be asked."""
         if self.server is None and self.replica is None:  # it has gone, or changed
             with contextlib.suppress(TransformException):
-                yield from self.greet(self._timeout_s * _FIND_SHARE)
+                yield from self.greet(self.timeout_s * _FIND_SHARE)
         if (replica := self.replica) is None or request.request_type not in replica.keys:
             return None
         found = yield from self._ask_replica(replica, request, deadline_s)
@@ -264,7 +276,7 @@ class Exchange:
             left_s = max(deadline_s - time.monotonic(), 0.001)
             key = replica.keys[request.request_type]
             reply = decode((yield Ask(key, payload, left_s)))
-            reply = yield from self._retry_while_busy(reply, key, payload, deadline_s)
+            reply = yield from retries.while_busy(self, reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
                 self.replica = None
                 return reply
@@ -302,7 +314,7 @@ class Exchange:
     def _write_once(self, request: Request[Any]) -> Steps[wire.Message]:
         server = self.server
         if server is None or time.monotonic() >= self.next_hello_s:
-            server = yield from self.hello()  # for an expiry by the clocks as they are now
+            server = yield from retries.hello(self)  # for an expiry by the clocks as they are now
         body = request.body()
         key = self._key(request.request_type, body)
         now_ns = time.monotonic_ns()
@@ -312,11 +324,11 @@ class Exchange:
             request.instance or server.instance,
         )
         payload = server.check_size(wire.pack(body | write))
-        reply = decode((yield Ask(key, payload, self._timeout_s)))
+        reply = decode((yield Ask(key, payload, self.timeout_s)))
         if not self.is_served(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.
-            deadline_s = now_ns * 1e-9 + self._timeout_s
-            reply = yield from self._retry_while_busy(reply, key, payload, deadline_s)
+            deadline_s = now_ns * 1e-9 + self.timeout_s
+            reply = yield from retries.while_busy(self, reply, key, payload, deadline_s)
             if isinstance(reply, NoReply):
                 if reply.at_once:
                     yield from self._check_denied(request, server.instance)
@@ -355,27 +367,6 @@ class Exchange:
             if server.instance == (request.instance or instance):
                 self._key(request.request_type, request.body())
 
-    def _retry_while_busy(
-        self, reply: wire.Message | NoReply, key: zenoh.KeyExpr, payload: bytes, deadline_s: float
-    ) -> Steps[wire.Message | NoReply]:
-        """Return the reply to a query; send the query again as long as the server is busy and the
-        time is not over."""
-        while True:
-            self._check_instance(reply)
-            if isinstance(reply, NoReply) or "error" not in reply:
-                return reply
-            error = wire.decode_error(reply["error"])
-            pause_s = error.retry_after_s
-            if not isinstance(error, ServerBusy) or pause_s is None or pause_s < 0:
-                return reply
-            # Clients that were refused together should not come back together.
-            pause_s *= random.uniform(1, 2)
-            timeout_s = deadline_s - time.monotonic() - pause_s
-            if timeout_s <= 0:
-                return reply
-            yield Pause(pause_s)
-            reply = decode((yield Ask(key, payload, timeout_s)))
-
     def is_served(self, reply: wire.Message | NoReply) -> TypeGuard[wire.Message]:
         """The common case: the known server has served the request."""
         server = self.server
@@ -386,7 +377,7 @@ class Exchange:
             and reply.get("instance") == server.instance
         )
 
-    def _check_instance(self, reply: wire.Message | NoReply) -> None:
+    def check_instance(self, reply: wire.Message | NoReply) -> None:
         """Forget the server if another one replied, or none."""
         server = self.server
         if server is not None and (

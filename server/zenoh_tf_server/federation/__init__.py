@@ -1,15 +1,13 @@
 """A site's server gathers the trees of robots (``--mirror-of``).
 
-`settings` has the flags; `Robots` finds robots on the site's network, whose messages
-`shared_streams` receives; `robot` listens to one robot, `pool` has the threads of all, and `rows`
+`settings` has the flags; `discovery` finds robots on the site's network; `shared_streams` receives
+their messages; `robot` listens to one robot, `pool` has the threads of all, and `rows`
 turns changes into puts.
 """
 
 from __future__ import annotations
 
 import functools
-import logging
-import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -17,17 +15,14 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf._net import keys
-from zenoh_tf.errors import InvalidArgumentException
-
 from ..ingest.ingest import Ingest
-from ..rate_limited_log import RateLimitedLog
 from ..requests.service import Service
 from ..security.settings import Security
-from . import quota
+from . import quota, shared_streams
+from .discovery import Discovery
 from .pool import Pool
 from .robot import Robot
-from .settings import FederationSettings, RobotAddress, RobotPattern
+from .settings import FederationSettings, RobotPattern
 from .shared_streams import SharedStreams
 
 #: The tree's authorities are read at most this often.
@@ -35,8 +30,6 @@ _REFRESH_S: Final = 1.0
 #: Fields of an authority's record that are summed for its robot.
 _SUMMED: Final = ("stored", "dropped", "refused", "dropped_by_queue")
 _NONE: Final = dict.fromkeys(_SUMMED, 0)
-
-log = logging.getLogger("zenoh_tf.server.federation")
 
 
 class Robots:
@@ -53,7 +46,7 @@ class Robots:
         self._settings = settings
         self._most = limits.robots
         expected = len(settings.links) + (limits.robots if settings.patterns else 0)
-        self._pool = Pool(ingest)
+        self._pool = Pool(ingest, limits.robot_bytes)
         self._make = functools.partial(
             Robot,
             shared=settings.shared,
@@ -62,32 +55,30 @@ class Robots:
             share=quota.default_share(limits, expected),
             pool=self._pool,
         )
-        #: By name. Robots are added, and stay.
+        #: By name; `discovery` adds others.
         self._robots = {address.name: self._make(address) for address in settings.links}
-        self._lock = threading.Lock()  # of additions
-        self._streams: dict[RobotPattern, SharedStreams] = {}
-        self._subscriber: zenoh.Subscriber[Any] | None = None
-        self._log = RateLimitedLog(log)
+        self._discovery: Discovery | None = None
         self._sums: Mapping[str, Mapping[str, int]] = {}
         self._sums_until_s = 0.0
 
     def start(self, session: zenoh.Session) -> None:
         """Connect to each robot, find others on the session's network, and begin to listen."""
-        self._session = session
         for robot in self._robots.values():
             robot.start()
+        patterns: dict[RobotPattern, SharedStreams] = {}
         for pattern in self._settings.patterns:
-            self._streams[pattern] = streams = SharedStreams(session, pattern)
-            self._pool.add_streams(streams)
-        if self._streams:
-            self._subscriber = session.liveliness().declare_subscriber(
-                keys.all_servers(), self._token_changed, history=True
+            patterns[pattern] = shared_streams.of_pattern(session, pattern, self._pool.room)
+            self._pool.add_streams(patterns[pattern])
+        if patterns:
+            self._discovery = Discovery(
+                self._service.name, patterns, self._robots, self._most, self._make
             )
+            self._discovery.start(session, self._pool)
 
     def close(self) -> None:
         """Listen no more."""
-        if self._subscriber is not None:
-            self._subscriber.undeclare()
+        if self._discovery is not None:
+            self._discovery.close()
         for robot in list(self._robots.values()):
             robot.close()
         self._pool.close()
@@ -104,6 +95,11 @@ class Robots:
             for field, value in {**robot.counters(), **sums.get(name, _NONE)}.items()
         }
 
+    def lost(self) -> dict[str, float]:
+        """The robots that are not heard, and for how many seconds."""
+        found = ((name, robot.lost_s) for name, robot in list(self._robots.items()))
+        return {name: lost_s for name, lost_s in found if lost_s is not None}
+
     def _sum(self) -> dict[str, dict[str, int]]:
         sums = {name: dict(_NONE) for name in list(self._robots)}
         for record in self._service.info_requests.authorities():
@@ -112,42 +108,6 @@ class Robots:
                 for field in _SUMMED:
                     sums[robot][field] += record[field]
         return sums
-
-    # --- robots on the server's own network, by the liveliness tokens of their servers
-
-    def _token_changed(self, sample: zenoh.Sample) -> None:
-        if sample.kind != zenoh.SampleKind.PUT:
-            return
-        try:
-            tree = keys.tree_name(str(sample.key_expr))
-        except InvalidArgumentException:  # a token that no server of ours declares
-            return
-        if tree == self._service.name:
-            return
-        for pattern in self._settings.patterns:
-            name = pattern.robot_of(tree)
-            if name is not None:
-                self._add(RobotAddress(name, "", tree, pattern.share), self._streams[pattern])
-                return
-
-    def _add(self, address: RobotAddress, streams: SharedStreams) -> None:
-        """Listen to a robot that was found. Any session can declare tokens, so the number of robots
-        is limited, and each keeps its place until the server ends: none gets another share of
-        frames by returning."""
-        name = address.name
-        with self._lock:
-            if name in self._robots:
-                return
-            if len(self._robots) - len(self._settings.links) >= self._most:
-                self._log.warn(
-                    "robots",
-                    f"robot {name!r} is left out: {self._most:,} robots were found, which is the "
-                    "limit (--limit robots=N)",
-                )
-                return
-            self._robots[name] = robot = self._make(address)
-        log.info("robot %r: found tree %r on this network", name, address.tree)
-        robot.start(self._session, streams)
 
 
 def start(
@@ -164,3 +124,4 @@ def start(
         stack.callback(robots.close)
         robots.start(session)
         service.add_counters(robots.counters)
+        service.info_requests.lost_robots = robots.lost

@@ -14,6 +14,7 @@ import asyncio
 import contextlib
 import logging
 import threading
+import time
 from collections.abc import Callable, Coroutine, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, TypeVar
@@ -23,6 +24,7 @@ import zenoh
 from zenoh_tf import threads
 from zenoh_tf._net.queries import ReplyParts
 from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.shared_bytes import SharedBytes
 from zenoh_tf.mirrors.steps import Ask, AskStatus, Pause, Steps
 
 from ..ingest.ingest import Ingest
@@ -47,19 +49,23 @@ _BATCH_BYTES: Final = 1 << 20
 class Pool:
     """The `zenoh_tf.mirrors.steps.Runner` of robots, whose sources are `Upstream`."""
 
-    def __init__(self, ingest: Ingest) -> None:
+    def __init__(self, ingest: Ingest, waiting_bytes: int) -> None:
+        """`waiting_bytes`: most bytes of robots' messages that wait, of all together."""
         self._ingest = ingest
+        self.room = SharedBytes(waiting_bytes)
         self._puts: list[Put] = []  # of the loop's thread
         self._bytes = 0  # of them
         self._loop = asyncio.new_event_loop()
         self._blocking = ThreadPoolExecutor(_CONNECTING, "robots connect")
         self._feeds: dict[MirrorFeed, None] = {}  # of the loop's thread
         self._streams: list[SharedStreams] = []
+        self._next_s = 0.0  # when messages are distributed again
         self._tasks: set[asyncio.Task[None]] = set()  # of the loop's thread; the loop keeps none
         self._thread = threads.start("robots", self._run)
 
     def add_streams(self, streams: SharedStreams) -> None:
-        """Distribute the messages of streams before the feeds are polled."""
+        """Distribute the messages of streams before the feeds are polled, until their session is
+        closed."""
         self._streams.append(streams)
 
     def close(self) -> None:
@@ -125,9 +131,11 @@ class Pool:
 
     async def _poll(self) -> None:
         while True:
-            for streams in self._streams:
-                streams.distribute()
+            self._distribute()
             for feed in list(self._feeds):
+                # A large message takes long: what comes meanwhile must not wait uncounted.
+                if time.monotonic() >= self._next_s:
+                    self._distribute()
                 try:
                     if not feed.poll():
                         del self._feeds[feed]
@@ -135,6 +143,12 @@ class Pool:
                     log.exception("internal error while a robot's messages were applied")
             self._queue(wait=False)
             await asyncio.sleep(max(_LEAST_PERIOD_S, _PERIOD_OF_EACH_S * len(self._feeds)))
+
+    def _distribute(self) -> None:
+        for streams in list(self._streams):
+            if not streams.distribute():
+                self._streams.remove(streams)
+        self._next_s = time.monotonic() + _LEAST_PERIOD_S
 
     async def _take(self, feed: MirrorFeed, steps: Steps[None]) -> None:
         source = feed.source

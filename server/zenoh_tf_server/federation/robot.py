@@ -12,7 +12,8 @@ import asyncio
 import functools
 import logging
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, Final
 
@@ -29,11 +30,12 @@ from ..process.network import open_client_session
 from ..process.upstream import Upstream
 from ..rate_limited_log import RateLimitedLog
 from ..requests.service import Service
+from . import shared_streams
 from .pool import Pool
 from .quota import FrameQuota
 from .rows import Rows
 from .settings import RobotAddress
-from .shared_streams import SharedStreams
+from .shared_streams import Inbox, SharedStreams
 
 #: How long one attempt to connect may take.
 CONNECT_TIMEOUT_S: Final = 5.0
@@ -41,6 +43,8 @@ CONNECT_TIMEOUT_S: Final = 5.0
 _SILENT_S: Final = 2.0
 #: The longest age that is reported.
 _MAX_AGE_S: Final = 1e9
+#: So often it is looked whether it is heard.
+_WATCH_PERIOD_S: Final = 0.5
 #: Between attempts to connect, which grow to the last one, and the time that each may take.
 _PAUSE_S: Final = 1.0
 _LONGEST_PAUSE_S: Final = 8.0
@@ -60,8 +64,13 @@ class Robot:
         service: Service,
         share: int,
         pool: Pool,
+        *,
+        is_there: Callable[[], bool] = lambda: True,
+        is_found: bool = False,
     ) -> None:
-        """`share`: how many frames of the tree it may have, unless its address says so."""
+        """`share`: how many frames of the tree it may have, unless its address says so. It is asked
+        only while `is_there()`. One that `is_found`, not listed, takes no frames of others."""
+        self._is_there = is_there
         self.name = address.name
         self._address = address
         interest = address.share.interest
@@ -80,8 +89,10 @@ class Robot:
         self._session: zenoh.Session | None = None
         self._feed: MirrorFeed | None = None
         # The rest is guarded by the feed's lock.
-        self._quota = FrameQuota(address.name, service.tree, address.share.max_frames or share)
+        most = address.share.max_frames or share
+        self._quota = FrameQuota(address.name, service.tree, most, guards_others=is_found)
         self._rows = Rows(address.name, shared, self._limits.rows, self._quota, self._refuse)
+        self.has_copy = False  #: Its copy was complete once.
         self._copy_seq = 0  # of the last commit in the copy that began
         self._is_self = False
 
@@ -99,16 +110,40 @@ class Robot:
             feed, session = self._feed, self._session
             self._feed = self._session = None
             self._runs += 1
-        if feed is not None:
+        if feed is not None and session is None:
+            self._pool.spawn(_stop(feed))
+        elif feed is not None:
             threads.start("robot leave", _leave, feed, session)
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether it has frames here, or has had some."""
+        return len(self._quota) > 0
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether its server has begun to send its tree."""
+        feed = self._feed
+        return feed is not None and feed.snapshots > 0
+
+    @property
+    def age_s(self) -> float:
+        """How old what is known of its tree is, at most."""
+        feed = self._feed
+        return _MAX_AGE_S if feed is None else min(feed.age_s(), _MAX_AGE_S)
+
+    @property
+    def lost_s(self) -> float | None:
+        """For how many seconds its server is not heard; None if it is."""
+        age_s = self.age_s
+        return None if age_s < self._silent_s else age_s
 
     def counters(self) -> dict[str, Any]:
         """Counters for `stats`."""
         feed, rows = self._feed, self._rows
-        age_s = _MAX_AGE_S if feed is None else min(feed.age_s(), _MAX_AGE_S)
         return {
-            "connected": int(age_s < self._silent_s),
-            "age_s": age_s,
+            "connected": int(self.lost_s is None),
+            "age_s": self.age_s,
             "snapshots": 0 if feed is None else feed.snapshots,
             "received": rows.received,
             "left_out": rows.left_out,
@@ -159,10 +194,21 @@ class Robot:
         run, interest = self._runs, self._address.share.interest
         name = f"the server of robot {self.name!r}"
         tree, streams = self._address.tree, self._streams
-        listen = None if streams is None else functools.partial(streams.inbox, tree)
-        source = Upstream(session, tree, name, interest=interest, listen=listen)
+        if streams is None:
+            listen = functools.partial(self._subscribe, session)
+        else:
+            listen = functools.partial(streams.inbox, tree)
+        source = Upstream(
+            session, tree, name, interest=interest, listen=listen, is_there=self._is_there
+        )
         feed = MirrorFeed(
-            source, self._on_copy, interest, observer=self, keeps_tree=False, runner=self._pool
+            source,
+            self._on_copy,
+            interest,
+            observer=self,
+            keeps_tree=False,
+            runner=self._pool,
+            room=self._pool.room,
         )
         own_session = session if is_own else None
         with self._lock:
@@ -178,6 +224,32 @@ class Robot:
         except TransformException as error:
             if run == self._runs:
                 log.warning("robot %r has not sent its tree yet, trying on: %s", self.name, error)
+        await self._report_losses(run)
+
+    def _subscribe(self, session: zenoh.Session) -> Inbox:
+        """Listen to its stream over a session of its own."""
+        streams = shared_streams.of_robot(session, self._address, self._pool.room)
+        self._pool.add_streams(streams)
+        return streams.inbox(self._address.tree, ended=streams.close)
+
+    async def _report_losses(self, run: int) -> None:
+        """Log once when its server is not heard any more, and once when it is again."""
+        since_s: float | None = None
+        while run == self._runs:
+            lost_s, now_s = self.lost_s, time.monotonic()
+            if lost_s is not None and lost_s < _MAX_AGE_S and since_s is None:
+                since_s = now_s - lost_s
+                log.warning(
+                    "robot %r: its server is not heard for %.1f s: its last poses are served",
+                    self.name,
+                    lost_s,
+                )
+            elif lost_s is None and since_s is not None:
+                log.info(
+                    "robot %r: its server is heard again after %.1f s", self.name, now_s - since_s
+                )
+                since_s = None
+            await asyncio.sleep(_WATCH_PERIOD_S)
 
     # --- what the feed calls, under its lock; see `mirrors.copy.Observer`
 
@@ -209,11 +281,16 @@ class Robot:
 
     def _on_copy(self, tree: TransformTree | None, instance: str) -> None:
         if tree is not None and not self._is_self:
+            self.has_copy = True
             log.info("robot %r: its tree is complete (instance %s)", self.name, instance)
 
     def _add(self, puts: Iterator[Put], *, wait: bool) -> None:
         if not self._is_self:
             self._pool.add(puts, wait=wait)
+
+
+async def _stop(feed: MirrorFeed) -> None:
+    feed.close()
 
 
 def _leave(feed: MirrorFeed, session: zenoh.Session | None) -> None:

@@ -145,7 +145,7 @@ class Rows:
         self.over_quota += len(refused)
         found = np.unique(samples.authority[refused], return_index=True, return_counts=True)
         for authority, first, count in zip(*(each.tolist() for each in found), strict=True):
-            error = self._quota.exceeded(samples.names[int(samples.child[refused[first]])])
+            error = self._quota.refusal(samples.names[int(samples.child[refused[first]])])
             self._refuse(f"{self._name}:{samples.authorities[authority]}", count, error)
 
     def _puts(

@@ -7,7 +7,8 @@ has the most delay in it. Both together say what is wrong: a clock that runs ahe
 zero, a slow or queueing sensor only the smaller one, and a clock that drifts moves both together.
 
 A client sends its clock in `hello`. That clock less the arrival is the clock error less the time
-that the message needed. The next `hello` has the round trip of this one, which bounds that time.
+that the message needed. The next `hello` has the round trip of this one, which bounds that time,
+and names it by its clock: one that was not answered in time may have arrived all the same, later.
 
 Thread safety: all methods.
 """
@@ -77,17 +78,19 @@ class _Client:
 
     heard_ns: int
     ahead_ns: int  # of the last message
+    clock_ns: int  # the client's, in the last message
     measured: _Window | None = None  # by those whose round trip is known
 
-    def add(self, now_ns: int, ahead_ns: int, round_trip_ns: int) -> None:
-        """Add a message, and the round trip of the one before; negative: it is not known."""
-        if round_trip_ns >= 0:
+    def add(self, now_ns: int, clock_ns: int, round_trip_ns: int, of_ns: int) -> None:
+        """Add a message, and the round trip of one before, which had the clock `of_ns`; negative:
+        it is not known."""
+        if round_trip_ns >= 0 and of_ns == self.clock_ns:
             least, greatest = self.ahead_ns, self.ahead_ns + round_trip_ns
             if self.measured is None:
                 self.measured = _Window.of(self.heard_ns, least, greatest)
             else:
                 self.measured.add(self.heard_ns, least, greatest)
-        self.heard_ns, self.ahead_ns = now_ns, ahead_ns
+        self.heard_ns, self.ahead_ns, self.clock_ns = now_ns, clock_ns - now_ns, clock_ns
 
     def interval_s(self) -> tuple[float, float]:
         if self.measured is not None:
@@ -115,25 +118,26 @@ class ClockOffsets:
                 window = _Window.of(arrival_ns, ahead_ns, ahead_ns)
             self._authorities[authority] = window
 
-    def add_client_clock(self, client: str, clock_ns: int, round_trip_ns: int) -> None:
+    def add_client_clock(
+        self, client: str, clock_ns: int, round_trip_ns: int = -1, of_ns: int = -1
+    ) -> None:
         """Add a client's real-time clock when it sent a message that has arrived now.
 
         Args:
             client: The client's id.
             clock_ns: Its clock.
-            round_trip_ns: How long its last such message and the reply took. Negative: it does
-                not know.
+            round_trip_ns: How long such a message and its reply took. Negative: it does not know.
+            of_ns: The clock in that message.
         """
         if not client or abs(clock_ns) >= 1 << 62:
             return
         now_ns = time.time_ns()
-        ahead_ns = clock_ns - now_ns
         with self._lock:
             known = self._clients.get(client)
             if known is not None:
-                known.add(now_ns, ahead_ns, round_trip_ns)
+                known.add(now_ns, clock_ns, round_trip_ns, of_ns)
             else:
-                known = _Client(now_ns, ahead_ns)
+                known = _Client(now_ns, clock_ns - now_ns, clock_ns)
             self._clients[client] = known
 
     def client_gone(self, client: str) -> None:

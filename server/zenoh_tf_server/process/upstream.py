@@ -40,10 +40,13 @@ class Upstream:
         user: str | None = None,
         interest: wire.Interest | None = None,
         listen: Callable[[], Any] | None = None,
+        is_there: Callable[[], bool] = lambda: True,
     ) -> None:
         """Say to the primary that its client is there. `name`: what messages call it. `user`: as
         whom the session connects. `interest`: whose stream is followed; None: everything.
-        `listen` makes what its messages come from; None: each time a subscriber."""
+        `listen` makes what its messages come from; None: each time a subscriber. Requests fail at
+        once unless `is_there()`."""
+        self._is_there = is_there
         self._session = session
         self._listen = listen
         self.tree = tree
@@ -131,6 +134,8 @@ class Upstream:
     ) -> None:
         """Send a request, and return without its reply; see `Queries.send`. It may take `wait_s`
         longer than others."""
+        if not self._is_there():
+            raise ServerUnavailable("it has no server on this network")
         key, timeout_s = self._key(request_type), _REPLY_TIMEOUT_S + wait_s
         token = zenoh.CancellationToken()
         self._queries.send(key, wire.pack(body), timeout_s, replied, ended, token)

@@ -150,7 +150,7 @@ class ReplicaService(Handler):
             "replica_age_s": self.age_s,
             "replica_seq": self.state.seq,
             "replica_snapshots": self._feed.snapshots,
-            "replica_contradictions": self._feed.contradictions,
+            "replica_contradictions": self._feed.mirroring.contradictions,
             **self._added_counters(),
         }
 
@@ -160,7 +160,7 @@ class ReplicaService(Handler):
     def _freshness(self, state: State) -> dict[str, int]:
         """What the reply to a read that began in `state` says of it: which commits it has seen, how
         old it is, and the last commit that it may have seen in part (`wire/replica.py`)."""
-        reach = max(state.seq, self._feed.reach_seq)
+        reach = max(state.seq, self._feed.mirroring.reach_seq)
         return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
 
     def check_least(self, tree: TransformTree, instance: str, seq: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from zenoh_tf import TransformTree, wire
@@ -69,6 +69,8 @@ class InfoRequests:
         self._counters = counters
         #: The addresses of the clients by their ids; the server that has their links sets it.
         self.addresses: Callable[[], dict[str, str]] = dict
+        #: The robots whose servers are not heard, and for how many seconds.
+        self.lost_robots: Callable[[], Mapping[str, float]] = dict
         self._stats = _Counted(tree.stats)
         self._authorities = _Counted(tree._authority_records)
 
@@ -123,7 +125,13 @@ class InfoRequests:
         return self._merged(self._tree._authority_records())
 
     def _merged(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        return self._clocks.add_to(self._refusals.add_to(records))
+        merged = self._clocks.add_to(self._refusals.add_to(records))
+        lost = self.lost_robots()
+        for record in merged if lost else ():
+            robot, colon, _ = record["name"].partition(":")
+            if colon and robot in lost:
+                record["mirror_lost_s"] = lost[robot]
+        return merged
 
     def _authority_records(self, budget: Budget) -> Any:
         frames = self._tree._frame_count()

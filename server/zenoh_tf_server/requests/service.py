@@ -312,7 +312,8 @@ class Service(Handler):
 
     def _reply_to_hello(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if "clock_ns" in message:
-            clock = wire.integer(message, "clock_ns"), wire.integer(message, "round_trip_ns", -1)
+            fields = (("clock_ns", None), ("round_trip_ns", -1), ("round_trip_of_ns", -1))
+            clock = [wire.integer(message, name, default) for name, default in fields]
             self.clocks.add_client_clock(reply_to.client, *clock)
         reply_to(self._pack({"value": self._hello(message)}), False)
 

@@ -21,6 +21,9 @@ from zenoh_tf import wire
 HEARTBEAT_S: Final = 0.1
 #: A reply to `missed` has messages until they have this many bytes.
 _MISSED_BYTES: Final = 1 << 20
+#: The real-time clock is sent so often, and at once if it was set by so much.
+_REAL_PERIOD_S: Final = 1.0
+_SET_NS: Final = 1_000_000
 #: What a message costs beside its bytes, roughly.
 _OVERHEAD_BYTES: Final = 200
 
@@ -98,6 +101,9 @@ class StreamPublisher:
         self.last = 0
         self.put_s = 0.0
         self.messages = self.bytes = 0
+        #: By how much the real-time clock was ahead of the other when it was sent last.
+        self._ahead_ns = 0
+        self._next_real_s = 0.0
 
     def start(self, session: zenoh.Session, key: str, changed: Callable[[], None]) -> None:
         """Publish on a key. Calls `changed` when there may be the first listener, or none left."""
@@ -123,7 +129,8 @@ class StreamPublisher:
         """Put what the commits up to the number `last` have changed; without changes, a
         heartbeat."""
         first, self.last = self.last + 1, last
-        message = wire.StreamMessage(self._instance, first, last, clock_ns, changes)
+        real_ns = self._real_ns(clock_ns)
+        message = wire.StreamMessage(self._instance, first, last, clock_ns, changes, real_ns)
         data = wire.pack(wire.stream_body(message))
         if last >= first:
             self.recent.add(first, last, data)
@@ -132,6 +139,15 @@ class StreamPublisher:
         self.put_s = time.monotonic()
         if self._publisher is not None:
             self._publisher.put(data)
+
+    def _real_ns(self, clock_ns: int) -> int | None:
+        """The real-time clock at `clock_ns`: now and then, and at once if it was set."""
+        ahead_ns = time.time_ns() - time.monotonic_ns()
+        now_s = time.monotonic()
+        if abs(ahead_ns - self._ahead_ns) < _SET_NS and now_s < self._next_real_s:
+            return None
+        self._ahead_ns, self._next_real_s = ahead_ns, now_s + _REAL_PERIOD_S
+        return clock_ns + ahead_ns
 
     def missed(self, first: int, last: int) -> wire.Message:
         """The fields of the reply to `missed`: the messages from the number `first` on. `last`:

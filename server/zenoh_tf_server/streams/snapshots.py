@@ -10,6 +10,7 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Final
 
 from zenoh_tf import TransformTree, wire
@@ -38,6 +39,7 @@ class Snapshots:
         cache_ns: int,
         limits: Limits,
     ) -> None:
+        self._tree = tree
         self._log = ChangeLog(tree)
         self._stream = stream
         self._interests = interests
@@ -47,12 +49,15 @@ class Snapshots:
             tree._motion_limits(),
         )
 
+    def _settings_now(self) -> wire.TreeSettings:
+        return replace(self._settings, startup_ns=self._tree._startup_ns())
+
     def snapshot(self, message: wire.Message, client: str) -> wire.Message:
         """The fields of the reply to `snapshot`: the plan, or a piece, or all of an interest."""
         interest = wire.parse_interest(message)
         if interest is not None:
             return wire.snapshot_plan_reply(
-                self._interests.snapshot(interest, client, self._settings)
+                self._interests.snapshot(interest, client, self._settings_now())
             )
         request = wire.parse_snapshot_request(message)
         if request is None:
@@ -61,7 +66,7 @@ class Snapshots:
             clock_ns = time.monotonic_ns()  # all that was committed before is in the snapshot
             seq, ever_reparented, bounds = self._log.plan_snapshot(PIECE_BYTES)
             return wire.snapshot_plan_reply(
-                wire.SnapshotPlan(seq, ever_reparented, bounds, self._settings, clock_ns)
+                wire.SnapshotPlan(seq, ever_reparented, bounds, self._settings_now(), clock_ns)
             )
         self._check_instance(request.instance)
         reached, frames = self._log.read_snapshot(request.after, request.until, 2 * PIECE_BYTES)

@@ -50,7 +50,8 @@ AnswerColumns::AnswerColumns(std::size_t rows, const FailureReport& report)
       stamp(std::make_unique_for_overwrite<Stamp[]>(size)),
       newest(std::make_unique_for_overwrite<Stamp[]>(size)),
       pose(std::make_unique_for_overwrite<double[]>(7 * size)),
-      most_failed_(report.errors ? size : 0) {
+      most_failed_(report.errors ? size : 0),
+      is_starting_(report.is_starting) {
   if (report.budget)
     most_failed_ =
         std::min<std::size_t>(most_failed_, report.budget->error_bytes / kErrorBytes + 1);
@@ -70,7 +71,8 @@ bool AnswerColumns::add(const ReadRows& rows, std::size_t first, std::span<const
       continue;
     }
     const Code code = rows.has_invalid_name(i) ? Code::invalid_argument : a.failure.code;
-    status[i] = static_cast<std::uint8_t>(code);
+    const Code shown = rows.has_invalid_name(i) ? code : shown_code(a.failure, is_starting_);
+    status[i] = static_cast<std::uint8_t>(shown);
     d = std::fill_n(d, 7, nan);
     any_failed = true;
     if (failed.size() < most_failed_) {

@@ -144,10 +144,11 @@ struct Output {
   std::uint8_t* status;
   Stamp* stamp;
   double* pose;
+  bool is_starting = false;  // the tree's server
 
   void store(std::size_t row, const Answer& a) const {
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-    status[row] = static_cast<std::uint8_t>(a.failure.code);
+    status[row] = static_cast<std::uint8_t>(shown_code(a.failure, is_starting));
     stamp[row] = a.stamp;
     if (a.failure.code == Code::ok)
       std::copy_n(&a.pose.x, 7, pose + 7 * row);
@@ -195,6 +196,7 @@ nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handl
   const StampColumn stamps(stamps_ns, rows);
   const std::size_t n = rows.value();
   Output out;
+  out.is_starting = !tree.startup().is_over();
   const nb::object columns[] = {
       make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { out.status = d; }),
       make_array<Stamp>({n}, [&](Stamp* d) { out.stamp = d; }),
@@ -244,6 +246,7 @@ nb::tuple estimate_columns(const AnyTree& tree, nb::handle target_names, nb::han
   const StampColumn stamps(stamps_ns, rows);
   const std::size_t n = rows.value();
   EstimateOutput out;
+  out.answers.is_starting = !tree.startup().is_over();
   const auto doubles = [&](double*& column) {
     return make_array<double>({n}, [&](double* d) { column = d; });
   };

@@ -178,7 +178,7 @@ nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
     }
     if (answers[i].failure.code != Code::ok) tree_.count_failed(answers[i].failure, asked_at_ns_);
   }
-  const FailureReport report{notes, errors, budget};
+  const FailureReport report{notes, !tree_.startup().is_over(), errors, budget};
   AnswerColumns columns(answers.size(), report);
   columns.add(rows_, 0, answers);
   return reply(tree_, rows_, std::move(columns), report, nb::none());

@@ -132,7 +132,7 @@ nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uin
                     bool errors, Budget* budget) {
   const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
   ReadRows rows(tree, names, columns);
-  const FailureReport report{{}, errors, budget};
+  const FailureReport report{{}, !tree.startup().is_over(), errors, budget};
   FirstReads read_set;
   std::uint64_t links = 0;
   const std::uint64_t max_links = budget ? budget->links.left() : 0;

@@ -83,6 +83,7 @@ struct ReadRows {
 struct FailureReport {
   // Empty, or for each row what to append to its message.
   const std::vector<std::string>& notes;
+  bool is_starting = false;  // the tree's server
   bool errors = true;        // false: only by their status
   Budget* budget = nullptr;  // beyond its `error_bytes`, rows that fail have only their status
 };
@@ -106,6 +107,7 @@ struct AnswerColumns {
 
  private:
   std::size_t most_failed_;
+  bool is_starting_;
 };
 
 // (status, stamps, newest stamps, poses, [(row, error)], reads).

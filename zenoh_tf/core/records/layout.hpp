@@ -33,6 +33,7 @@
 #include <cstdint>
 #include <initializer_list>
 
+#include "base/host.hpp"
 #include "names/reader.hpp"
 #include "records/frame_info.hpp"
 
@@ -59,6 +60,9 @@ struct alignas(128) RegionHeader {
   // The time of CLOCK_MONOTONIC, in ns, up to which readers of other processes may trust what
   // they have read. The owner moves it ahead as long as it lives; 0 if it has not begun, or ended.
   alignas(64) std::atomic<std::int64_t> lease_ns;
+  // The times of CLOCK_MONOTONIC, in ns, at which the server started, and up to which its
+  // publishers may not be back yet; 0 in a tree that no server has.
+  std::atomic<std::int64_t> started_ns, starting_until_ns;
   // What walks and names rest on.
   alignas(64) std::atomic<bool> ever_reparented;  // some frame once had samples of two parents
   // Counts how often ids of removed names or authorities were freed.
@@ -67,9 +71,21 @@ struct alignas(128) RegionHeader {
 };
 static_assert(sizeof(RegionHeader) <= kHeaderBytes);
 
+// How long ago a server started whose publishers may not be back yet, and for how long they may
+// not.
+struct Startup {
+  std::int64_t elapsed_ns, left_ns;
+  [[nodiscard]] bool is_over() const noexcept { return left_ns <= 0; }
+};
+[[nodiscard]] inline Startup startup_of(const RegionHeader& header) noexcept {
+  const std::int64_t now_ns = clock_ns(CLOCK_MONOTONIC_COARSE);
+  return {now_ns - header.started_ns.load(std::memory_order_relaxed),
+          header.starting_until_ns.load(std::memory_order_acquire) - now_ns};
+}
+
 constexpr std::uint64_t kMagic = 0x65657274'66747a01;  // 01 "ztftree", in memory order
 // To be counted up with every change that the hash below does not see.
-constexpr std::uint64_t kLayoutVersion = 2;
+constexpr std::uint64_t kLayoutVersion = 3;
 
 // Differs if a field is added, removed or resized, as that moves a field of the list or changes a
 // size. So the list need not have all fields. It cannot see a change of meaning, two fields of one

@@ -132,6 +132,9 @@ class SharedTree {
     throw Unanswered{Unanswered::Reason::busy};
   }
 
+  // Of the server that has the tree.
+  [[nodiscard]] Startup startup() const noexcept { return startup_of(region_.header()); }
+
   // The time of CLOCK_MONOTONIC at which it lapses, as it is now.
   [[nodiscard]] std::int64_t lease_ns() const noexcept {
     return region_.header().lease_ns.load(std::memory_order_acquire);

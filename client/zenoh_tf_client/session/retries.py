@@ -1,0 +1,108 @@
+"""When a client sends a query again: the server is busy, or not there yet.
+
+A query ends at once, without a reply, if nobody serves its key. That is so while no server runs,
+and for a moment after a connection came back: the router is there again, but what it serves is not
+declared yet (eclipse-zenoh/zenoh#2767), as its server has just started, or restarts.
+
+Thread safety: all functions and methods. A lost note of an absence does no harm.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+import weakref
+from collections.abc import Callable
+from typing import Final, Protocol
+
+import zenoh
+
+from zenoh_tf import wire
+from zenoh_tf._net.queries import NoReply
+from zenoh_tf.errors import ServerBusy, ServerUnavailable
+
+from .server_info import ServerInfo
+from .steps import Ask, Pause, Steps, decode
+
+#: A router without the server is asked again for so long, then calls fail at once.
+ABSENT_S: Final = 3.0
+#: Before a query that ended at once is sent again.
+PAUSE_S: Final = 0.02
+
+
+class Exchange(Protocol):
+    """What is needed of the `Exchange` that retries."""
+
+    timeout_s: float
+    router: Callable[[], str | None]
+    absence: Absence
+
+    def hello(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
+        """Ask the server who it is."""
+
+    def check_instance(self, reply: wire.Message | NoReply) -> None:
+        """Forget the server if another one replied, or none."""
+
+
+class Absence:
+    """How long a router has been there without the server, as the queries of a client found."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._exchange = weakref.ref(exchange)
+        self._since_s: float | None = None
+
+    def ended(self) -> None:
+        """The server has replied."""
+        self._since_s = None
+
+    def may_end(self, deadline_s: float) -> bool:
+        """Whether to send a query again, before a deadline, that has just ended at once. Not
+        without a connection: it takes Zenoh a second to have another one.
+
+        Raises ServerUnavailable if the session is closed.
+        """
+        exchange = self._exchange()
+        if exchange is None or exchange.router() is None:
+            self._since_s = None
+            return False
+        now_s = time.monotonic()
+        since_s = self._since_s = now_s if self._since_s is None else self._since_s
+        return now_s + PAUSE_S < min(deadline_s, since_s + ABSENT_S)
+
+
+def hello(exchange: Exchange) -> Steps[ServerInfo]:
+    """As `Exchange.hello`, of a server that may not be there yet."""
+    deadline_s = time.monotonic() + exchange.timeout_s
+    while True:
+        try:
+            return (yield from exchange.hello(max(deadline_s - time.monotonic(), 0.001)))
+        except ServerUnavailable:
+            if not exchange.absence.may_end(deadline_s):
+                raise
+        yield Pause(PAUSE_S)
+
+
+def while_busy(
+    exchange: Exchange,
+    reply: wire.Message | NoReply,
+    key: zenoh.KeyExpr,
+    payload: bytes,
+    deadline_s: float,
+) -> Steps[wire.Message | NoReply]:
+    """Return the reply to a query; send the query again as long as the server is busy and the
+    time is not over."""
+    while True:
+        exchange.check_instance(reply)
+        if isinstance(reply, NoReply) or "error" not in reply:
+            return reply
+        error = wire.decode_error(reply["error"])
+        pause_s = error.retry_after_s
+        if not isinstance(error, ServerBusy) or pause_s is None or pause_s < 0:
+            return reply
+        # Clients that were refused together should not come back together.
+        pause_s *= random.uniform(1, 2)
+        timeout_s = deadline_s - time.monotonic() - pause_s
+        if timeout_s <= 0:
+            return reply
+        yield Pause(pause_s)
+        reply = decode((yield Ask(key, payload, timeout_s)))
