@@ -126,7 +126,7 @@ def test_a_single_sample(tree: TransformTree) -> None:
     # tf2's classic failure at the start: no time suits both links.
     put(tree, "base", "gripper", 8.2)
     found = explained(tree, "gripper", "arm")
-    assert (found.error, found.limiting_frame) == ("NoDataForExtrapolationException", "gripper")
+    assert (found.error, found.limiting_frame) == ("NoDataForExtrapolationException", "arm")
     assert found.reasons[0].startswith("The latest common time is 1700000008.000000000 s, where")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -64,7 +65,10 @@ def test_memory_is_given_back_when_copies_are_replaced(start_server: StartServer
     ]
     server = start_server()
     command = [sys.executable, "-c", READER, server.endpoint, str(_FRAMES - 1), str(_SAMPLES)]
-    reader = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    asked = os.environ | {"ZENOH_TF_TRIM_MEMORY": "1"}
+    reader = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=asked
+    )
     assert reader.stdin is not None and reader.stdout is not None
     with reader:
         sizes: list[float] = []

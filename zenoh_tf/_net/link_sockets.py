@@ -15,6 +15,7 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import fcntl
 import ipaddress
 import logging
@@ -23,10 +24,10 @@ import select
 import socket
 import stat
 import struct
+import sys
 import termios
 import threading
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -38,6 +39,10 @@ _OPEN_FILES: Final = "/proc/self/fd"
 #: Off: closing a socket returns at once, and the kernel sends what is left. Zenoh's default waits
 #: up to 10 s, on a thread that receives messages.
 _NO_LINGER: Final = struct.pack("ii", 0, 0)
+
+#: A socket object would not do: Python gives one on a descriptor of another owner its default
+#: timeout (`socket.setdefaulttimeout`), which makes that owner's socket non-blocking.
+_LIBC: Final = ctypes.CDLL(None)
 
 _Address = tuple[str, int]
 
@@ -51,17 +56,11 @@ class LinkSocket:
 
     def do_not_linger(self) -> None:
         """Let a close of the socket return at once."""
-        with contextlib.suppress(OSError), _borrowed(self.fd) as connection:
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+        _LIBC.setsockopt(self.fd, socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER, len(_NO_LINGER))
 
     def shut(self) -> bool:
         """End the connection: Zenoh finds it broken. False: it was closed before."""
-        if not self.is_open():
-            return False
-        with _borrowed(self.fd) as connection, contextlib.suppress(OSError):
-            connection.shutdown(socket.SHUT_RDWR)
-            return True
-        return False
+        return self.is_open() and _LIBC.shutdown(self.fd, socket.SHUT_RDWR) == 0
 
     def is_open(self) -> bool:
         """True if the link still has its socket."""
@@ -97,12 +96,12 @@ class LinkSocket:
     def free_bytes(self) -> int:
         """How many bytes the kernel accepts at least. It counts what it spends beside the bytes,
         too, hence only a quarter of the buffer."""
-        try:
-            with _borrowed(self.fd) as connection:
-                size = connection.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
-        except OSError:  # closed
-            return 0
-        return max(0, size // 4 - self.unsent_bytes())
+        buffer = ctypes.c_int()  # stays 0 if the socket is closed
+        size = ctypes.c_uint32(ctypes.sizeof(buffer))
+        _LIBC.getsockopt(
+            self.fd, socket.SOL_SOCKET, socket.SO_SNDBUF, ctypes.byref(buffer), ctypes.byref(size)
+        )
+        return max(0, buffer.value // 4 - self.unsent_bytes())
 
 
 class LinkSockets:
@@ -194,16 +193,8 @@ def _find(src: str, dst: str, known: Collection[int] = ()) -> LinkSocket | None:
     for fd in sorted(map(int, os.listdir(_OPEN_FILES)), key=known.__contains__):
         with contextlib.suppress(OSError, ValueError):
             status = os.fstat(fd)
-            if not stat.S_ISSOCK(status.st_mode):
-                continue
-            with _borrowed(fd) as connection:
-                if (
-                    connection.family in (socket.AF_INET, socket.AF_INET6)
-                    and connection.type == socket.SOCK_STREAM
-                    and _plain(*connection.getpeername()[:2]) == ends[1]
-                    and _plain(*connection.getsockname()[:2]) == ends[0]
-                ):
-                    return LinkSocket(fd, status.st_ino)
+            if stat.S_ISSOCK(status.st_mode) and _ends(fd) == ends:
+                return LinkSocket(fd, status.st_ino)
     return None
 
 
@@ -222,11 +213,26 @@ def _plain(host: str, port: int) -> _Address:
     return str(mapped or address), port
 
 
-@contextmanager
-def _borrowed(fd: int) -> Iterator[socket.socket]:
-    """A socket object on a descriptor that another owner closes."""
-    connection = socket.socket(fileno=fd)
-    try:
-        yield connection
-    finally:
-        connection.detach()
+def _ends(fd: int) -> tuple[_Address | None, _Address | None]:
+    """The addresses of a connection over TCP, its own and the other's; None for any other file."""
+    kind = ctypes.c_int()
+    size = ctypes.c_uint32(ctypes.sizeof(kind))
+    status = _LIBC.getsockopt(
+        fd, socket.SOL_SOCKET, socket.SO_TYPE, ctypes.byref(kind), ctypes.byref(size)
+    )
+    if status or kind.value != socket.SOCK_STREAM:
+        return None, None
+    return _name(_LIBC.getsockname, fd), _name(_LIBC.getpeername, fd)
+
+
+def _name(function: Callable[..., int], fd: int) -> _Address | None:
+    """One end of a socket; None if it is not one of IP, or not connected."""
+    address = ctypes.create_string_buffer(128)  # sockaddr_storage
+    size = ctypes.c_uint32(ctypes.sizeof(address))
+    if function(fd, address, ctypes.byref(size)):
+        return None
+    family = int.from_bytes(address.raw[:2], sys.byteorder)
+    host = {socket.AF_INET: address.raw[4:8], socket.AF_INET6: address.raw[8:24]}.get(family)
+    if host is None:
+        return None
+    return _plain(socket.inet_ntop(family, host), int.from_bytes(address.raw[2:4], "big"))

@@ -18,6 +18,7 @@
 #include <string_view>
 #include <utility>
 
+#include "bindings/gil.hpp"
 #include "docs.hpp"
 #include "shared/shared_tree.hpp"
 #include "tree.hpp"
@@ -48,26 +49,26 @@ struct LatestTransform : StampedTransform {
 nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
 nb::object make_error(const Rejected& rejected);
 // The error of a frame that is not there, which may be because its server has just started.
-// `note` is appended to what is wrong.
+// `note` is appended to what is wrong, and `suggestion` to an error that is final.
 nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts,
-                         const std::string& note = "");
+                         const std::string& note = "", const std::string& suggestion = "");
 // The code of a lookup's failure for Python, in a tree whose server is just starting or not.
 inline Code shown_code(const Failure& failure, bool is_starting) noexcept {
   const bool is_unknown = failure.code == Code::lookup && failure.frame == 0;
   return is_unknown && is_starting ? Code::starting : failure.code;
 }
-// The error of a lookup of `source` in `target`; `note` is appended to its message.
-nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
-                      Startup startup, const Failure& failure, nb::handle target, nb::handle source,
-                      const std::string& note);
-template <class AnyTree>
-nb::object make_error(const AnyTree& tree, const Failure& failure, nb::handle target,
-                      nb::handle source, const std::string& note = "") {
-  return make_error([&](FrameId id) { return tree.name(failure, id); }, tree.options().max_depth,
-                    tree.startup(), failure, target, source, note);
-}
-// The note of a lookup that timed out.
+// How long a lookup has waited, as its error says it.
 std::string waited(double timeout_s);
+// The result of a function of zenoh_tf.text, which returns a str.
+template <class... Args>
+std::string text_from_python(const char* module, const char* function, Args&&... args) {
+  std::string text;
+  block_if_thread_ends([&] {
+    text = nb::cast<std::string>(
+        nb::module_::import_(module).attr(function)(std::forward<Args>(args)...));
+  });
+  return text;
+}
 [[noreturn]] void raise(const nb::object& error);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
 // The error of a call for which the host has no memory left.

@@ -1,8 +1,9 @@
 // Errors of the core as Python exceptions, and the GIL.
+#include <algorithm>
 #include <cstdio>
 
-#include "bindings/bindings.hpp"
-#include "bindings/gil.hpp"
+#include "base/host.hpp"
+#include "bindings/lookup_error.hpp"
 
 namespace ztf {
 
@@ -25,6 +26,22 @@ std::string extrapolation_message(const Failure& f, const std::string& link) {
   const std::string range = link + " has samples from " + ns(f.oldest) + " to " + ns(f.newest);
   return f.code == Code::forward ? "extrapolation into the future: " + range
                                  : "extrapolation into the past: " + range;
+}
+
+// The message of a lookup without a time: the links have no time in common, as one has ended before
+// the failing one begins.
+std::string no_common_time(const Failure& f, const EndedLink& ended, const std::string& target,
+                           const std::string& source, const std::string& failing) {
+  std::string change;
+  if (ended.was_static)
+    change = "; it was static until " +
+             (ended.authority.empty() ? "a publisher without a name" : quoted(ended.authority)) +
+             " sent it as moving";
+  return "extrapolation: the links between " + target + " and " + source +
+         " have no time in common: the link from " + frame_text(ended.parent) + " to " +
+         frame_text(ended.child) + " has no sample after " + ns(ended.newest) +
+         text_from_python("zenoh_tf.text.stamp_units", "ended", ended.newest, f.oldest,
+                          real_time_ns(), failing, change);
 }
 
 }  // namespace
@@ -60,11 +77,12 @@ nb::object make_memory_error() {
                              .field = "host_memory"});
 }
 
-nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts,
-                         const std::string& note) {
+nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts, const std::string& note,
+                         const std::string& suggestion) {
   const std::string frame = "frame " + quoted(text_of(name, "frame"));
   facts["frame"] = name;
-  if (startup.is_over()) return make_error(Code::lookup, frame + " does not exist" + note, facts);
+  if (startup.is_over())
+    return make_error(Code::lookup, frame + " does not exist" + note + suggestion, facts);
   char age[32];
   std::snprintf(age, sizeof age, "%.1f s", static_cast<double>(startup.elapsed_ns) * 1e-9);
   facts["retry_after_s"] = kRetryAfterS;
@@ -75,53 +93,61 @@ nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts,
                     facts);
 }
 
-nb::object make_error(const std::function<std::string(FrameId)>& name_of, std::uint32_t max_depth,
-                      Startup startup, const Failure& f, nb::handle target, nb::handle source,
-                      const std::string& note) {
-  const std::string target_name = quoted(text_of(target, "target_frame"));
-  const std::string source_name = quoted(text_of(source, "source_frame"));
+nb::object make_error(const LookupError& e) {
+  const Failure& f = e.failure;
+  const auto& name_of = e.name_of;
+  const std::string target_name = quoted(text_of(e.target, "target_frame"));
+  const std::string source_name = quoted(text_of(e.source, "source_frame"));
   const std::string at = f.stamp == kNoStamp ? "" : " at " + ns(f.stamp);
+  const std::string waited = e.note.waited.empty() ? "" : " (" + e.note.waited + ")";
   nb::dict facts;
-  facts["target_frame"] = target;
-  facts["source_frame"] = source;
+  facts["target_frame"] = e.target;
+  facts["source_frame"] = e.source;
   if (f.stamp != kNoStamp) facts["stamp_ns"] = f.stamp;
   std::string message;
   if (f.code == Code::lookup && f.frame == 0)
-    return unknown_frame(startup, f.target == 0 ? target : source, facts, note);
+    return unknown_frame(e.startup, f.target == 0 ? e.target : e.source, facts, waited,
+                         e.suggestion);
   if (f.code == Code::lookup) {
     if (const std::string frame = name_of(f.frame); !frame.empty()) facts["frame"] = frame;
     message = "the path between " + target_name + " and " + source_name + at;
-    if (max_depth != 0) {
-      facts["limit"] = max_depth;
-      message += " is longer than the limit of " + std::to_string(max_depth) +
+    if (e.max_depth != 0) {
+      facts["limit"] = e.max_depth;
+      message += " is longer than the limit of " + std::to_string(e.max_depth) +
                  " links per side (max_depth), or";
     }
-    message += " runs in a loop";
+    message += " runs in a loop" + waited;
   } else if (f.code == Code::connectivity) {
     const std::string target_root = name_of(f.target_root);
     const std::string source_root = name_of(f.source_root);
     if (!target_root.empty()) facts["target_root"] = target_root;
     if (!source_root.empty()) facts["source_root"] = source_root;
     message = target_name + " and " + source_name + " are not connected" + at +
-              ": their roots are " + frame_text(target_root) + " and " + frame_text(source_root);
+              ": their roots are " + frame_text(target_root) + " and " + frame_text(source_root) +
+              waited;
   } else {
-    const std::string child = name_of(f.frame), parent = name_of(f.parent);
+    std::string child = name_of(f.frame), parent = name_of(f.parent);
+    const std::string link = "the link from " + frame_text(parent) + " to " + frame_text(child);
+    if (e.ended) {
+      message = no_common_time(f, *e.ended, target_name, source_name, link) + waited;
+      child = e.ended->child, parent = e.ended->parent;
+    } else {
+      message = extrapolation_message(f, link) + ", but " + ns(f.stamp) +
+                " was requested to look up " + source_name + " in " + target_name + e.note.carried +
+                text_from_python("zenoh_tf.text.stamp_units", "beside", f.stamp, f.oldest, f.newest,
+                                 e.note.waited, e.note.may_wait);
+    }
     if (!child.empty()) facts["frame"] = child;
     if (!parent.empty()) facts["parent_frame"] = parent;
-    facts["oldest_stamp_ns"] = f.oldest;
-    facts["newest_stamp_ns"] = f.newest;
-    message = extrapolation_message(
-                  f, "the link from " + frame_text(parent) + " to " + frame_text(child)) +
-              ", but " + ns(f.stamp) + " was requested to look up " + source_name + " in " +
-              target_name;
+    facts["oldest_stamp_ns"] = e.ended ? e.ended->oldest : f.oldest;
+    facts["newest_stamp_ns"] = e.ended ? e.ended->newest : f.newest;
   }
-  return make_error(f.code, message + note, facts);
+  return make_error(f.code, message, facts);
 }
 
 std::string waited(double timeout_s) {
-  char text[64];
-  std::snprintf(text, sizeof text, " (waited for %.9g s)", timeout_s);
-  return text;
+  const auto waited_ns = static_cast<std::int64_t>(std::min(timeout_s, 1e9) * 1e9);
+  return "waited for " + text_from_python("zenoh_tf.text.times", "age", waited_ns);
 }
 
 void raise(const nb::object& error) {

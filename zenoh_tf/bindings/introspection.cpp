@@ -2,6 +2,7 @@
 // links.
 #include <algorithm>
 
+#include "bindings/lookup_error.hpp"
 #include "bindings/reads/budget.hpp"
 #include "records/versions.hpp"
 
@@ -13,7 +14,9 @@ namespace {
 template <class AnyTree>
 FrameId known(const AnyTree& tree, nb::handle name) {
   const FrameId id = frame_of(tree, name, "frame").id;
-  if (id == 0) raise(unknown_frame(tree.startup(), name, nb::dict()));
+  if (id == 0)
+    raise(unknown_frame(tree.startup(), name, nb::dict(), "",
+                        did_you_mean(tree, {text_of(name, "frame")})));
   return id;
 }
 

@@ -1,5 +1,5 @@
 // The Python module `_core`.
-#include "bindings/bindings.hpp"
+#include "bindings/similar_names.hpp"
 
 NB_MODULE(_core, m) {
   m.doc() = "The native tree of zenoh-tf; use it through zenoh_tf.";
@@ -23,4 +23,5 @@ NB_MODULE(_core, m) {
   ztf::bind_single_lookup(m);
   ztf::bind_cdr(m);
   ztf::bind_columns(m);
+  ztf::bind_similar_names(m);
 }

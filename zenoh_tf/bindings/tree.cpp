@@ -7,7 +7,7 @@
 #include <cmath>
 #include <system_error>
 
-#include "bindings/bindings.hpp"
+#include "bindings/similar_names.hpp"
 
 namespace ztf {
 
@@ -75,7 +75,15 @@ void reset(Tree& tree, std::int64_t expires_ns) {
 void remove_frame(Tree& tree, nb::handle name, bool subtree, std::int64_t expires_ns) {
   (void)frame_of(tree, name, "name");  // raises for an invalid name
   const std::string_view text = text_of(name, "name");
-  run_released([&] { tree.remove_frame(text, subtree, expires_ns); });
+  rejected_as_error([&] {
+    try {
+      const GilReleased released;
+      tree.remove_frame(text, subtree, expires_ns);
+    } catch (Rejected& rejected) {
+      if (rejected.code == Code::lookup) rejected.message += did_you_mean(tree, {text});
+      throw;
+    }
+  });
 }
 
 std::uint32_t limit_of(std::int64_t value, std::int64_t least, std::int64_t most,

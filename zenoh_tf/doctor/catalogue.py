@@ -197,7 +197,8 @@ CATALOGUE: Final = (
         "Some links have stamps of the real clock, and this one of another, such as simulated "
         "time. No lookup joins them.",
         "Give all nodes one clock: set `use_sim_time` in all of them or in none, and end what a "
-        "simulator or an old recording still publishes.",
+        "simulator or an old recording still publishes. A stamp of 1.8 s after 1970 is probably "
+        "one in seconds: stamps are integer nanoseconds (`time.time_ns()`).",
         clocks.other_epoch,
     ),
     Fault(

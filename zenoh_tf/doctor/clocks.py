@@ -9,6 +9,7 @@ from typing import Final
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.words import Evidence, by_publisher, samples, times, window
 from zenoh_tf.introspection.frame_info import AHEAD_S, is_post_dated
+from zenoh_tf.text.stamp_units import other_unit
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
 #: A clock that is late by more is wrong; less may be the delay of messages.
@@ -149,7 +150,10 @@ def other_epoch(facts: TreeFacts) -> Evidence:
     for link in facts.dynamic:
         if is_of_other_epoch(facts, link):
             newest_ns = link.frame.newest_stamp_ns or 0
+            unit = other_unit(newest_ns, facts.now_ns, facts.now_ns)
             kind = ", as of a simulation" if newest_ns < SIMULATED_NS else ""
+            if unit is not None:
+                kind = f", as of a publisher that gives {unit} as nanoseconds"
             yield by_publisher(
                 link,
                 f"its newest stamp is {seconds(newest_ns)} s{kind}, but other links have stamps "

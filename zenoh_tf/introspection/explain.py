@@ -167,7 +167,10 @@ def _explain_chain(
     failing = [link for link in found.links if link.problem is not None]
     moves = sentences.moves(chain, reference, base.by_clock, recent=True)
     if failing:
-        failed = _extrapolated(found, failing, reference)
+        if found.stamp_ns is None:
+            failed = _without_common_time(found, failing, reference, _was_static(chain))
+        else:
+            failed = _extrapolated(found, failing, reference)
         if recorded:
             failed = replace(failed, advice=(sentences.recorded_range(found, failing),))
         return _with_reasons(failed, moves)
@@ -284,20 +287,10 @@ _ERRORS: Final = {
 
 def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int) -> Explanation:
     worst = max(failing, key=lambda link: link.off_by_ns or 0)
-    reasons = []
-    if found.stamp_ns is None and found.at_ns is not None:
-        ending = min(
-            (link for link in found.links if link.newest_stamp_ns is not None),
-            key=lambda link: link.newest_stamp_ns or 0,
-        )
-        reasons.append(
-            f"The latest common time is {seconds(found.at_ns)} s, where {sentences.name(ending)} "
-            "ends."
-        )
     farthest_first = sorted(failing, key=lambda link: -(link.off_by_ns or 0))
-    reasons += [sentences.outside(link, found) for link in farthest_first]
+    reasons = [sentences.outside(link, found) for link in farthest_first]
     # Of these causes one explains the failure, and what else is odd follows from it.
-    cause = sentences.other_unit(found, failing)
+    cause = sentences.wrong_unit(found, failing)
     if cause is None and (worst.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
         cause = sentences.OTHER_CLOCK
     if cause is None:
@@ -330,14 +323,69 @@ def _extrapolated(found: Explanation, failing: list[LinkReport], reference: int)
     )
 
 
+def _was_static(chain: Path) -> set[str]:
+    """The frames of a chain whose static link was sent as moving last."""
+    changes = {frame.name: frame.last_change for frame in chain}
+    return {
+        name
+        for name, change in changes.items()
+        if change is not None and change.kind == "switched" and change.static_before
+    }
+
+
+def _without_common_time(
+    found: Explanation, failing: list[LinkReport], reference: int, was_static: set[str]
+) -> Explanation:
+    """Why a lookup without a time fails: a link ends before others begin. It is the one that ends
+    that is at fault, unless the stamps of the others are ahead of the clock."""
+    ending = min(
+        (link for link in found.links if link.newest_stamp_ns is not None),
+        key=lambda link: link.newest_stamp_ns or 0,
+    )
+    assert ending.newest_stamp_ns is not None
+    first = max(failing, key=lambda link: link.off_by_ns or 0)
+    ahead = [link for link in failing if sentences.is_ahead(link, found)]
+    reasons = [
+        f"The latest common time is {seconds(ending.newest_stamp_ns)} s, where "
+        f"{sentences.name(ending)} ends.",
+        f"{sentences.name(first)} begins {age(first.off_by_ns or 0)} later.",
+    ]
+    if ending.child in was_static:
+        reasons.append(sentences.was_static(ending))
+    cause = sentences.wrong_unit_of(ending, first)
+    if cause is None and (first.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
+        cause = sentences.OTHER_CLOCK
+    if cause is not None:
+        advice = [cause]
+    elif ahead:
+        reasons += [sentences.ahead(link, found) for link in ahead]
+        wrong = [link for link in ahead if not sentences.is_ahead_on_purpose(link, found)]
+        advice = [sentences.wrong_clock(link) for link in wrong]
+        advice += [sentences.no_localisation(link) for link in ahead if link not in wrong]
+    elif ending.samples == 1 or ending.child in was_static:
+        advice = [sentences.publish_static(ending)]
+    else:
+        reasons.append(sentences.stopped(ending, found.by_clock))
+        advice = [sentences.restart(ending)]
+    links = tuple(
+        replace(link, stopped=True) if link is ending else replace(link, problem=None)
+        for link in found.links
+    )
+    return replace(
+        found,
+        error=_ERRORS[first.problem or "too_old"],
+        limiting_frame=ending.child,
+        links=found.links if ahead else links,
+        reasons=tuple(reasons),
+        advice=tuple(dict.fromkeys(advice)),
+    )
+
+
 def _advice(link: LinkReport) -> str | None:
     """What to do about a link with a single sample."""
     if link.problem != "single_sample":
         return None
-    return (
-        f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link as "
-        f"static. Else check that {sentences.publisher(link)} still sends."
-    )
+    return sentences.publish_static(link)
 
 
 def _answered(found: Explanation, reference: int) -> Explanation:

@@ -8,16 +8,13 @@ from typing import Final
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
 from zenoh_tf.introspection.frame_info import AHEAD_S, AuthorityInfo, FrameInfo, is_post_dated
 from zenoh_tf.text import quoted
+from zenoh_tf.text.stamp_units import POWERS, other_unit
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
 #: A time so far after all stamps, which are of another clock, has not come.
 _NOT_COME_NS: Final = 1_000_000_000
 #: A move longer ago is not mentioned beside a chain.
 _RECENT_NS: Final = 60_000_000_000
-#: Units that a time may be in by mistake, in nanoseconds.
-_UNITS: Final = (("seconds", 10**9), ("milliseconds", 10**6), ("microseconds", 10**3))
-#: Stamps after 1973 are of the real clock.
-_REAL_NS: Final = 10**17
 
 OTHER_CLOCK: Final = (
     "The time asked for and the stamps of the chain are of different clocks, such as this "
@@ -73,7 +70,7 @@ def too_late(link: LinkReport) -> str:
 
 def recorded_range(found: Explanation, failing: list[LinkReport]) -> str:
     """Return for which times a recording has data of a chain, or in which unit a time is wrong."""
-    unit = other_unit(found, failing)
+    unit = wrong_unit(found, failing)
     if unit is not None:
         return unit
     links = [link for link in found.links if link.newest_stamp_ns is not None]
@@ -87,21 +84,17 @@ def recorded_range(found: Explanation, failing: list[LinkReport]) -> str:
     )
 
 
-def other_unit(found: Explanation, failing: list[LinkReport]) -> str | None:
+def wrong_unit(found: Explanation, failing: list[LinkReport]) -> str | None:
     """Return which unit a time is in that should be in nanoseconds; None: it is in nanoseconds."""
-    at_ns = found.stamp_ns
-    if not at_ns or at_ns < 0:
-        return None
     oldest = min(link.oldest_stamp_ns or 0 for link in failing)
     newest = max(link.newest_stamp_ns or 0 for link in failing)
-    margin = CLOCK_RANGE_S * 10**9 if newest > _REAL_NS else _RECENT_NS
-    for unit, factor in _UNITS:
-        if at_ns * 100 < oldest and oldest - margin <= at_ns * factor <= newest + margin:
-            return (
-                f"The time asked for, {at_ns}, is in {unit}; times are in nanoseconds. Multiply it "
-                f"by 1e{len(str(factor)) - 1} as an integer."
-            )
-    return None
+    unit = other_unit(found.stamp_ns or 0, oldest, newest)
+    if unit is None:
+        return None
+    return (
+        f"The time asked for, {found.stamp_ns}, is in {unit}; times are in nanoseconds. Multiply "
+        f"it by 1e{POWERS[unit]} as an integer."
+    )
 
 
 def not_come(found: Explanation, failing: list[LinkReport], reference: int) -> str | None:
@@ -167,10 +160,8 @@ def stopped(link: LinkReport, by_clock: bool) -> str:
     """Return since when a link has stopped."""
     since = age(int((link.age_s or 0) * 1e9))
     behind = "old" if by_clock else "behind the newest of the chain"
-    return (
-        f"{name(link)} has stopped: its newest sample is {since} {behind}, "
-        f"and before that they came at {link.rate_hz or 0:.1f} Hz."
-    )
+    rate = f", and before that they came at {link.rate_hz:.1f} Hz" if link.rate_hz else ""
+    return f"{name(link)} has stopped: its newest sample is {since} {behind}{rate}."
 
 
 def restart(link: LinkReport) -> str:
@@ -178,6 +169,32 @@ def restart(link: LinkReport) -> str:
     return (
         f"Check that {publisher(link)} runs and reaches the server: zenoh-tf authorities counts "
         "what it has sent, and names the reason if the server refused it."
+    )
+
+
+def was_static(link: LinkReport) -> str:
+    """Return that a static link was sent as moving."""
+    return f"{name(link)} was static until {publisher(link)} sent it as moving."
+
+
+def publish_static(link: LinkReport) -> str:
+    """Return what to do about a link with a single sample."""
+    return (
+        f"If {quoted(link.child)} never moves in {quoted(link.parent)}, publish the link as "
+        f"static. Else check that {publisher(link)} still sends."
+    )
+
+
+def wrong_unit_of(ending: LinkReport, other: LinkReport) -> str | None:
+    """Return in which unit the stamps of a link are, beside those of another one; None: they are in
+    nanoseconds."""
+    other_ns = other.newest_stamp_ns or 0
+    unit = other_unit(ending.newest_stamp_ns or 0, other_ns, other_ns)
+    if unit is None:
+        return None
+    return (
+        f"The stamps of {name(ending)} are in {unit}; stamps are in nanoseconds. Mend "
+        f"{publisher(ending)}: multiply its times by 1e{POWERS[unit]} as integers."
     )
 
 

@@ -1,7 +1,8 @@
 """Keeps what the next request will use, and gives other freed memory back to the system.
 
-A server does so for its whole process. Of a client's process only what mirrors used is given back,
-after they have replaced their copies.
+A server does so for its whole process. A client's process belongs to others: there it is done only
+if `ZENOH_TF_TRIM_MEMORY` is set in the environment, for the heaps when the first connection opens,
+and for freed memory after mirrors have replaced their copies.
 
 glibc keeps in its heaps what large messages have used: 80 queued queries of 16 MB left 150 to
 300 MB, all of it free. It gives that back on request. A request walks all free blocks while nobody
@@ -37,6 +38,8 @@ _CLIENT_HEAPS: Final = 8
 #: pages and 0.7 ms of processor time for a lookup of 10,000 rows.
 _BLOCK_BYTES: Final = 4 << 20
 _KEPT_BYTES: Final = 8 << 20
+#: Any text but an empty one asks for it.
+_ASKED_VARIABLE: Final = "ZENOH_TF_TRIM_MEMORY"
 #: Of glibc's malloc.h, with the environment's name for it, which a user may have set.
 _OPTIONS: Final = (
     (_HEAPS_OPTION, "MALLOC_ARENA_MAX", _HEAPS),
@@ -59,9 +62,9 @@ def give_back() -> None:
 
 
 def give_back_soon() -> Steps[None]:
-    """Give back what replacing a copy has used. Each request has a thread, so perhaps a heap of its
-    own, which would keep the most that it ever held."""
-    for pause_s in _SOON_S:
+    """Give back what replacing a copy has used, if the process asks for it. Each request has a
+    thread, so perhaps a heap of its own, which would keep the most that it ever held."""
+    for pause_s in _SOON_S if _is_asked() else ():
         if (yield Pause(pause_s)):
             return
         give_back()
@@ -96,9 +99,14 @@ def set_up_heaps() -> None:
 
 @functools.cache
 def limit_heaps() -> None:
-    """Limit the heaps of a client's process, unless its threads have more already, or its user has
-    set a limit; does nothing without glibc."""
-    _set(_HEAPS_OPTION, "MALLOC_ARENA_MAX", _CLIENT_HEAPS)
+    """Limit the heaps of a client's process if it asks for it, unless its threads have more
+    already, or its user has set a limit; does nothing without glibc."""
+    if _is_asked():
+        _set(_HEAPS_OPTION, "MALLOC_ARENA_MAX", _CLIENT_HEAPS)
+
+
+def _is_asked() -> bool:
+    return bool(os.environ.get(_ASKED_VARIABLE))
 
 
 def _set(option: int, variable: str, value: int) -> None:

@@ -6,14 +6,15 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, Self, TypeVar
 
 from zenoh_tf import Dropped
-from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
+from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.zenoh_config import address
 from zenoh_tf.mirrors.interest import interest_of
 
 from ..failover.connection import open_connection
 from ..mirror.watching import Terms
 from ..requests.receipt import Receipt
-from ..session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
+from ..session import environment
+from ..session.connection import DEFAULT_TIMEOUT_S
 from ..session.mapped_tree import Mode, check
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
@@ -79,14 +80,18 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
     @classmethod
     async def connect(
         cls,
-        endpoint: str | Sequence[str] = DEFAULT_ENDPOINT,
-        tree: str = DEFAULT_TREE,
+        endpoint: str | Sequence[str] | None = None,
+        tree: str | None = None,
         timeout_s: float = DEFAULT_TIMEOUT_S,
         *,
-        credentials: Credentials = NO_CREDENTIALS,
-        reads: Mode = "shared",
+        credentials: Credentials | None = None,
+        reads: Mode | None = None,
     ) -> Self:
         """Connect to the server of a tree.
+
+        What is left out comes from the environment, as for the commands: `ZENOH_TF_CONNECT`, else
+        tcp/127.0.0.1:7447; `ZENOH_TF_TREE`, else main; `ZENOH_TF_USER` and the other variables of
+        docs/how-to/security.md; `ZENOH_TF_READS`, else shared.
 
         Args:
             endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
@@ -114,6 +119,10 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         Example:
             ``tf = await AsyncTransformClient.connect("tcp/robot:7447", tree="main")``
         """
+        endpoint = environment.endpoint() if endpoint is None else endpoint
+        tree = environment.tree() if tree is None else tree
+        credentials = environment.client_credentials() if credentials is None else credentials
+        reads = environment.reads() if reads is None else reads
         check(reads)
         if True:  # asynchronous
             return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))

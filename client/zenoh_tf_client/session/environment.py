@@ -1,5 +1,5 @@
-"""The environment's choice of server and credentials, for the commands and the tf2 shim; the SDK
-ignores it."""
+"""The environment's choice of server and credentials, for the SDK, the commands and the tf2
+shim."""
 
 from __future__ import annotations
 

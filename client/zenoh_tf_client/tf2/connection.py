@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from zenoh_tf._net.zenoh_config import address, endpoints_of
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_client.client import TransformClient
-from zenoh_tf_client.session import environment
 
 from .wait_loop import WaitLoop
 
@@ -47,12 +46,7 @@ def connect(
     global _client  # noqa: PLW0603
     with _lock:
         if _client is None:
-            _client = TransformClient.connect(
-                endpoint or environment.endpoint(),
-                tree or environment.tree(),
-                credentials=environment.client_credentials(),
-                reads=environment.reads(),
-            )
+            _client = TransformClient.connect(endpoint or None, tree or None)
         elif (
             endpoints_of(endpoint or _client._connection.endpoints),
             tree or _client.tree_name,

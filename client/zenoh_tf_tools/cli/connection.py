@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from zenoh_tf import LookupException, TransformException
-from zenoh_tf.text.similar import did_you_mean
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.mapped_tree import Mode
@@ -29,8 +27,7 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
 
     `reads`: how it reads; None for what the environment says.
 
-    Raises what ``TransformClient.connect`` raises. An error about a frame that does not exist gets
-    a note with the names that may be meant.
+    Raises what ``TransformClient.connect`` raises.
     """
     if getattr(args, "file", None) is None and (
         getattr(args, "topics", None) or getattr(args, "prefixes", None)
@@ -39,38 +36,14 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
     credentials = environment.client_credentials(
         **{name: getattr(args, name) for name, *_ in _CREDENTIALS}
     )
-    with (
-        TransformClient.connect(
-            args.connect or environment.endpoint(),
-            tree=args.tree,
-            timeout_s=args.timeout,
-            credentials=credentials,
-            reads=reads or environment.reads(),
-        ) as tf,
-        suggest_names(tf.frames),
-    ):
+    with TransformClient.connect(
+        args.connect,
+        tree=args.tree,
+        timeout_s=args.timeout,
+        credentials=credentials,
+        reads=reads,
+    ) as tf:
         yield tf
-
-
-@contextmanager
-def suggest_names(frames: Callable[[], Collection[str]]) -> Iterator[None]:
-    """Add a note with the names that may be meant to an error about a frame that does not exist."""
-    try:
-        yield
-    except LookupException as error:
-        asked = dict.fromkeys(
-            name
-            for name in (error.target_frame, error.source_frame, error.frame)
-            if name is not None
-        )
-        try:
-            names = set(frames())
-        except TransformException:
-            raise error from None  # the error that the user sees is the first one
-        question = did_you_mean([name for name in asked if name not in names], names)
-        if question is not None:
-            error.add_note(question)
-        raise
 
 
 def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:

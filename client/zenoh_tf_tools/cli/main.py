@@ -17,15 +17,9 @@ from decimal import Decimal
 from importlib.metadata import version
 from typing import NoReturn
 
-from zenoh_tf import (
-    BackwardExtrapolationException,
-    ForwardExtrapolationException,
-    TooUncertain,
-    TransformException,
-)
+from zenoh_tf import TooUncertain, TransformException
 from zenoh_tf.recordings import RecordingError
 from zenoh_tf.text.time_flags import duration
-from zenoh_tf.text.times import age
 from zenoh_tf_client.session import environment
 from zenoh_tf_client.session.connection import DEFAULT_ENDPOINT, DEFAULT_TIMEOUT_S, DEFAULT_TREE
 from zenoh_tf_tools.cli import completion, output
@@ -90,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except TransformException as error:
         notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
-        name, message = type(error).__name__, f"{error}{_distance(error)}{notes}"
+        name, message = type(error).__name__, f"{error}{notes}"
         shown = f"{name}: {message}"
         output.print_error(name, message, error.facts, as_json=args.json, shown=shown)
         return FAULT_FOUND if isinstance(error, TooUncertain) else 1
@@ -103,17 +97,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def run() -> NoReturn:
     """Run ``main`` and end the process with its exit code."""
     sys.exit(main())
-
-
-def _distance(error: TransformException) -> str:
-    """Say how far a time lies outside of the data; the message itself is in nanoseconds."""
-    if error.stamp_ns is None:
-        return ""
-    if isinstance(error, ForwardExtrapolationException) and error.newest_stamp_ns is not None:
-        return f" ({age(error.stamp_ns - error.newest_stamp_ns)} too late)"
-    if isinstance(error, BackwardExtrapolationException) and error.oldest_stamp_ns is not None:
-        return f" ({age(error.oldest_stamp_ns - error.stamp_ns)} too early)"
-    return ""
 
 
 def _for_argparse(given: Sequence[str]) -> list[str]:

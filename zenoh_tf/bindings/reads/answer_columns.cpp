@@ -2,12 +2,15 @@
 #include <algorithm>
 #include <limits>
 
+#include "bindings/lookup_error.hpp"
 #include "bindings/reads/read_rows.hpp"
 
 namespace ztf {
 
 namespace {
 
+// Errors of a reply that suggest other names, which takes longer than all the rest of an error.
+constexpr std::size_t kMostSuggestions = 3;
 // Errors that are made before other threads get the GIL.
 constexpr std::size_t kErrorsAtOnce = 100;
 constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
@@ -27,19 +30,27 @@ bool same_failure(const ReadRows& rows, const AnswerColumns::Failed& i,
 // The error of a row that failed.
 template <class AnyTree>
 nb::object error_of_row(const AnyTree& tree, const ReadRows& rows,
-                        const AnswerColumns::Failed& failed, const std::string& note) {
+                        const AnswerColumns::Failed& failed, const std::string& text,
+                        bool suggest) {
   const auto& [i, failure] = failed;
   if (rows.has_invalid_name(i)) return rows.name_error(tree, i);
   if (failure.code == Code::limit) {  // only of a waiting lookup
     nb::dict facts;
     facts["field"] = "waiter_links";
-    return make_error(Code::limit, note, facts);
+    return make_error(Code::limit, text, facts);
   }
   auto [target, source, fixed] = rows.names[i];
   // A full lookup failed in one of its halves: source in fixed, or fixed in target.
   if (rows.queries[i].op == Op::full)
     (failure.target == rows.queries[i].fixed ? target : source) = fixed;
-  return make_error(tree, failure, rows.name_objects[target], rows.name_objects[source], note);
+  const Query& query = rows.queries[i];
+  const bool first_half = target == fixed;
+  const bool latest = query.op == Op::full
+                          ? (first_half ? query.source_stamp : query.stamp) == kNoStamp
+                          : query.op == Op::latest_common;
+  return make_error(
+      tree, failure, rows.name_objects[target], rows.name_objects[source],
+      {.waited = text, .latest = latest, .may_wait = rows.queries.size() == 1, .suggest = suggest});
 }
 
 }  // namespace
@@ -94,7 +105,8 @@ nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& colum
   for (const AnswerColumns::Failed& each : columns.failed) {
     if (!first || !report.notes.empty() || !same_failure(rows, each, *first)) {
       if (++made % kErrorsAtOnce == 0) const GilReleased for_others;
-      error = error_of_row(tree, rows, each, report.notes.empty() ? "" : report.notes[each.row]);
+      error = error_of_row(tree, rows, each, report.notes.empty() ? "" : report.notes[each.row],
+                           made <= kMostSuggestions);
       first = &each;
       // The message holds the names and numbers that are also facts.
       bytes = kErrorBytes + 2 * nb::cast<std::string>(nb::str(error)).size();

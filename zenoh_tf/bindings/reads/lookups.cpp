@@ -3,7 +3,7 @@
 // GIL: as in tree.cpp.
 #include <chrono>
 
-#include "bindings/bindings.hpp"
+#include "bindings/lookup_error.hpp"
 
 namespace ztf {
 
@@ -19,7 +19,7 @@ struct OwnedWaiter {
 };
 
 // Blocks until there is an answer to the query that find_names() returns, none can come, or the
-// deadline has passed. Returns the note to append to a failure's message.
+// deadline has passed. Returns how long it has waited, for the error.
 template <class FindNames>
 [[gnu::noinline]] std::string wait(const Tree& tree, FindNames&& find_names, nb::handle target,
                                    nb::handle source, nb::handle fixed, double timeout_s,
@@ -67,7 +67,7 @@ std::string wait(const SharedTree& tree, FindNames&& find_names, nb::handle, nb:
 // The answer as a value; raises its failure.
 template <class AnyTree>
 StampedTransform stamped_answer(const AnyTree& tree, const Answer& a, nb::handle target,
-                                nb::handle source, const std::string& note = {}) {
+                                nb::handle source, const LookupNote& note = {}) {
   if (a.failure.code != Code::ok) [[unlikely]]
     raise(make_error(tree, a.failure, target, source, note));
   return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
@@ -92,12 +92,15 @@ StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle sourc
                         double timeout_s) {
   const auto query = [&] { return query_at(tree, target, source, stamp); };
   Answer a;
-  if (timeout_s == 0.0) [[likely]] {
+  std::string waited;
+  if (timeout_s == 0.0) [[likely]]
     lookup_holding_gil(tree, a, query);
-    return stamped_answer(tree, a, target, source);
-  }
-  const std::string note = wait(tree, query, target, source, nb::none(), timeout_s, a);
-  return stamped_answer(tree, a, target, source, note);
+  else
+    waited = wait(tree, query, target, source, nb::none(), timeout_s, a);
+  if (a.failure.code == Code::ok) [[likely]]
+    return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
+  return stamped_answer(tree, a, target, source,
+                        {.waited = std::move(waited), .latest = stamp.is_none(), .may_wait = true});
 }
 
 template <class AnyTree>
@@ -112,15 +115,18 @@ StampedTransform lookup_full(const AnyTree& tree, nb::handle target, nb::handle 
     return named;
   };
   Answer a;
-  std::string note;
+  std::string waited;
   if (timeout_s == 0.0)
     lookup_holding_gil(tree, a, query);
   else
-    note = wait(tree, query, target, source, fixed, timeout_s, a);
+    waited = wait(tree, query, target, source, fixed, timeout_s, a);
   if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
   // The lookup failed in one of its halves: source in fixed, or fixed in target.
   const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
-  return stamped_answer(tree, a, first ? fixed : target, first ? source : fixed, note);
+  const nb::handle half_stamp = first ? source_stamp : target_stamp;
+  return stamped_answer(
+      tree, a, first ? fixed : target, first ? source : fixed,
+      {.waited = std::move(waited), .latest = half_stamp.is_none(), .may_wait = true});
 }
 
 template <class AnyTree>

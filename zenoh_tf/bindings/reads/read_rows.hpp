@@ -81,7 +81,7 @@ struct ReadRows {
 
 // How the failures of a reply are reported.
 struct FailureReport {
-  // Empty, or for each row what to append to its message.
+  // Empty, or for each row how long it has waited, or why it could not.
   const std::vector<std::string>& notes;
   bool is_starting = false;  // the tree's server
   bool errors = true;        // false: only by their status

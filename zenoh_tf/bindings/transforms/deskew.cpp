@@ -4,6 +4,7 @@
 // the points, if there are many.
 #include "geometry/deskew.hpp"
 
+#include "bindings/lookup_error.hpp"
 #include "bindings/transforms/points.hpp"
 #include "reads/motion.hpp"
 

@@ -4,6 +4,7 @@
 // GIL: kept, as by every single lookup, but released for backtests.
 #include <cmath>
 
+#include "bindings/lookup_error.hpp"
 #include "bindings/transforms/estimate_class.hpp"
 
 namespace ztf {
@@ -33,10 +34,10 @@ Estimate estimate(const AnyTree& tree, nb::handle target, nb::handle source, nb:
     return true;
   });
   if (a.failure.code != Code::ok) {
-    const std::string note =
-        a.failure.code == Code::forward
-            ? " and carried on by at most " + std::to_string(query.max_by) + " ns (max_by_s)"
-            : "";
+    LookupNote note;
+    if (a.failure.code == Code::forward)
+      note.carried =
+          " and carried on by at most " + std::to_string(query.max_by) + " ns (max_by_s)";
     raise(make_error(tree, a.failure, target, source, note));
   }
   static const nb::handle bases[] = {interned("backtest"), interned("limits"), interned("static")};

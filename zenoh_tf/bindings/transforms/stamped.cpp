@@ -1,16 +1,40 @@
 // StampedTransform and LatestTransform: answers of lookups, arguments of sets.
+#include "base/host.hpp"
 #include "bindings/transforms/transform.hpp"
 
 namespace ztf {
 
 namespace {
 
+// True if a stamp may be a time from 2020 to 2100 in seconds, milliseconds or microseconds.
+bool may_be_of_other_unit(Stamp stamp) noexcept {
+  constexpr Stamp kFrom = 1'577'000'000, kTo = 4'103'000'000;  // seconds
+  for (const Stamp unit : {Stamp{1}, Stamp{1'000}, Stamp{1'000'000}})
+    if (kFrom * unit <= stamp && stamp <= kTo * unit) return true;
+  return false;
+}
+
+// Warns of a stamp that is the clock's time in another unit.
+[[gnu::noinline]] void check_unit(nb::handle child, Stamp stamp) {
+  nb::object warning;
+  block_if_thread_ends([&] {
+    warning = nb::module_::import_("zenoh_tf.text.stamp_units")
+                  .attr("unit_warning")(child, stamp, real_time_ns());
+  });
+  if (warning.is_none()) return;
+  const std::string text = nb::cast<std::string>(warning);
+  if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), 1) != 0) throw nb::python_error();
+}
+
 StampedTransform make_stamped(nb::handle parent, nb::handle child, nb::handle stamp,
                               const Pose& pose) {
   text_of(parent, "parent_frame");
   text_of(child, "child_frame");
   if (stamp.is_none()) raise_invalid("stamp_ns must be an int of nanoseconds", "stamp_ns");
-  return {nb::borrow(parent), nb::borrow(child), stamp_of(stamp, "stamp_ns"), pose};
+  const Stamp value = stamp_of(stamp, "stamp_ns");
+  if (may_be_of_other_unit(value)) [[unlikely]]
+    check_unit(child, value);
+  return {nb::borrow(parent), nb::borrow(child), value, pose};
 }
 
 bool equal(const StampedTransform& a, const StampedTransform& b) {

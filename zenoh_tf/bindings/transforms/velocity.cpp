@@ -3,7 +3,7 @@
 // GIL: kept, as by every single lookup.
 #include <cmath>
 
-#include "bindings/bindings.hpp"
+#include "bindings/lookup_error.hpp"
 
 namespace ztf {
 

@@ -20,7 +20,6 @@ from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_duration
-from zenoh_tf_tools.cli.connection import suggest_names
 from zenoh_tf_tools.errors import CommandError, keep_input
 
 #: Rows of one answer; 100 bytes each.
@@ -83,12 +82,11 @@ def _query(args: argparse.Namespace) -> int:
     if args.target is None:
         _print_frames(args, tree, range_ns)
         return 0
-    with suggest_names(tree.frames):
-        served = _range(tree, args.target, args.source)
-        times = _times(args, range_ns or (0, 0), served)
-        array = tree.sample(args.target, args.source, times)
-        if not array.ok.any():
-            tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
+    served = _range(tree, args.target, args.source)
+    times = _times(args, range_ns or (0, 0), served)
+    array = tree.sample(args.target, args.source, times)
+    if not array.ok.any():
+        tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
     _print(args, array, static=served is None and args.at is None)
     return 0
 

@@ -17,7 +17,7 @@ from zenoh_tf.text.times import age
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames
-from zenoh_tf_tools.cli.connection import connect, suggest_names
+from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.estimate_words import bounds, carried_on, metres
 
 #: Errors below this are of the arithmetic, and nothing would make them smaller.
@@ -96,8 +96,7 @@ def _estimate(args: argparse.Namespace) -> int:
             _answer(args, tf, stamp_ns)
     else:
         tree, stamp_ns = _known_tree(args)
-        with suggest_names(tree.frames):
-            _answer(args, tree, stamp_ns)
+        _answer(args, tree, stamp_ns)
     return 0
 
 
