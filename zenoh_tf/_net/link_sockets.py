@@ -232,7 +232,7 @@ def _name(function: Callable[..., int], fd: int) -> _Address | None:
     if function(fd, address, ctypes.byref(size)):
         return None
     family = int.from_bytes(address.raw[:2], sys.byteorder)
-    host = {socket.AF_INET: address.raw[4:8], socket.AF_INET6: address.raw[8:24]}.get(family)
-    if host is None:
+    if family not in (socket.AF_INET, socket.AF_INET6):
         return None
+    host = address.raw[4:8] if family == socket.AF_INET else address.raw[8:24]
     return _plain(socket.inet_ntop(family, host), int.from_bytes(address.raw[2:4], "big"))

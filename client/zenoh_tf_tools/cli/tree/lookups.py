@@ -13,7 +13,7 @@ from zenoh_tf_tools.cli.arguments import (
     add_duration,
     add_frames,
 )
-from zenoh_tf_tools.cli.connection import connect, suggest_names
+from zenoh_tf_tools.cli.connection import connect
 
 
 def add(commands: Commands) -> None:
@@ -76,8 +76,7 @@ def _lookup(args: argparse.Namespace) -> int:
         time = recorded.time_at(args, recorded_time)
         tree, range_ns = recorded.loaded(args)
         stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
-        with suggest_names(tree.frames):
-            answer = tree.lookup_transform(args.target, args.source, stamp_ns)
+        answer = tree.lookup_transform(args.target, args.source, stamp_ns)
         output.show_answer(args, tree, answer)
         return 0
     stamp_ns = recorded.time_at(args, live_time)
