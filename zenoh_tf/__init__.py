@@ -35,7 +35,6 @@ from zenoh_tf.errors import (
 from zenoh_tf.estimate import EstimateArray
 from zenoh_tf.gate import Gate
 from zenoh_tf.gate_queue import Dropped, Passed
-from zenoh_tf.introspection import native_signatures
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
 from zenoh_tf.introspection.frame_info import (
     AuthorityInfo,
@@ -50,7 +49,10 @@ from zenoh_tf.velocity import Velocity
 
 __version__ = _version("zenoh-tf")
 
-native_signatures.install()
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 __all__ = [
     "AccessDenied",

@@ -148,7 +148,9 @@ def _stamps(stamps_ns: ArrayLike, grid: tuple[int, ...]) -> NDArray[np.int64]:
         stamps = np.empty((), object)
     if stamps.dtype.kind not in "iu" and stamps.size:
         raise InvalidArgumentException(
-            f"stamps_ns must be integers (nanoseconds), not {stamps.dtype}", field="stamps_ns"
+            f"stamps_ns must be integers (nanoseconds), not {stamps.dtype}: make an array with "
+            "dtype=np.int64",
+            field="stamps_ns",
         )
     if stamps.dtype.kind == "u" and stamps.size and int(stamps.max()) >= 1 << 63:
         raise InvalidArgumentException(

@@ -25,6 +25,7 @@ from .requests.receipt import Receipt
 from .session import environment
 from .session.connection import DEFAULT_TIMEOUT_S, Connection
 from .session.mapped_tree import MappedTree, Mode, check
+from .session.public import own_methods
 from .session.shared_reads import SharedReads
 from .transaction import Transaction, repeat
 from .writes import Writes
@@ -32,6 +33,7 @@ from .writes import Writes
 T = TypeVar("T")
 
 
+@own_methods
 class TransformClient(Lookups, Writes, Introspection):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 

@@ -8,10 +8,10 @@ import shlex
 from collections.abc import Iterator
 from dataclasses import fields
 
+from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, FROM_STATS
 from zenoh_tf_client.tf2 import FilterFailureReason
 from zenoh_tf_server import flags as server_flags
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.monitoring.metric_table import FROM_AUTHORITIES, FROM_STATS
 from zenoh_tf_tools.cli.main import _parser
 from zenoh_tf_tools.urdf import joint_states, kinematics
 

@@ -14,8 +14,8 @@ from typing import Any
 from prometheus_client import CollectorRegistry, ProcessCollector
 from ruamel.yaml import YAML
 
+from zenoh_tf.introspection import metric_table
 from zenoh_tf_server import flags
-from zenoh_tf_server.monitoring import metric_table
 
 from .repository import Repository, Violation
 

@@ -13,8 +13,8 @@ from bench.results import MARKER, Results
 from scripts import folders
 from tests.mutation import fault_page
 from zenoh_tf.doctor import __main__ as doctor
+from zenoh_tf.introspection import metric_table
 from zenoh_tf_server import flags, limits
-from zenoh_tf_server.monitoring import metric_table
 
 from .repository import Repository, Violation
 
@@ -118,7 +118,7 @@ def api_reference(repository: Repository) -> Iterator[Violation]:
 
 def made_pages(repository: Repository) -> Iterator[Violation]:
     """Pages that are made from tables are current, or their table is."""
-    metrics = "zenoh_tf_server.monitoring.metric_table"
+    metrics = "zenoh_tf.introspection.metric_table"
     for page, made, command in (
         ("docs/reference/limits.md", list(limits.table()), "zenoh_tf_server.limits"),
         ("docs/reference/server.md", list(flags.page()), "zenoh_tf_server.flags"),

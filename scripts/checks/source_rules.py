@@ -33,6 +33,7 @@ EXTRAS = {
     "shtab": "zenoh_tf_tools",
     "trimesh": "zenoh_tf_tools",  # viser brings it
     "viser": "zenoh_tf_tools",
+    "websockets": "zenoh_tf_tools",  # viser brings it
     "xxhash": "zenoh_tf",
     "zstandard": "zenoh_tf",
 }

@@ -102,6 +102,8 @@ def read(parser: argparse.ArgumentParser, path: Path) -> dict[str, Any]:
         raise InvalidArgumentException(f"cannot read {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidArgumentException(f"{path} is not TOML: {error}") from error
+    except RecursionError:
+        raise InvalidArgumentException(f"{path} is nested too deeply") from None
     try:
         others = {
             "access": _rules(document.pop(_ACCESS, [])),

@@ -34,6 +34,9 @@ from .state.state import StateSettings
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 
+#: More threads only wait for each other.
+_MAX_WORKERS: Final = 256
+
 _INTRODUCTION: Final = """\
 # Server flags
 
@@ -99,10 +102,10 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
     )
     flags.add_argument(
         "--workers",
-        type=whole(1),
+        type=whole(1, _MAX_WORKERS),
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
-        help="threads per type of request (default: 2 to 8)",
+        help=f"threads per type of request (default: 2 to 8; at most {_MAX_WORKERS})",
     )
 
 

@@ -14,9 +14,9 @@ import pytest
 from tests.support.command_line import Run, begun
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
+from zenoh_tf.introspection.metric_table import FROM_ROBOTS, FROM_STATS
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.mapped_tree import COUNTERS
-from zenoh_tf_server.monitoring.metric_table import FROM_ROBOTS, FROM_STATS
 from zenoh_tf_tools.cli.main import _parser
 from zenoh_tf_tools.cli.tree.inspect import _meaning
 

@@ -200,3 +200,19 @@ def test_the_velocity_in_a_recording(zenoh_tf: Run, recording: Path) -> None:
     assert "the stamp 10.000000000 s, but the recording is from" in line
     line = refusal(zenoh_tf("velocity", path, "base", "nowhere"))
     assert "LookupException" in line
+
+
+@pytest.mark.parametrize(("count", "step_ns"), [(3, 500_000_000), (5, 250_000_000)])
+def test_so_many_times(zenoh_tf: Run, recording: Path, count: int, step_ns: int) -> None:
+    answers = document(
+        zenoh_tf("query", str(recording), "odom", "camera", "--count", str(count), "--json")
+    )
+    stamps = [answer["stamp_ns"] for answer in answers]
+    assert stamps == [7_000_000_000 + n * step_ns for n in range(count)]
+
+
+def test_a_stamp_as_json_prints_it(zenoh_tf: Run, tmp_path: Path) -> None:
+    log: Log = [(1.0, "/tf", [("a", "b", 1_700_000_000.25, 1.0)])]
+    path = str(write(tmp_path / "log", log))
+    answer = document(zenoh_tf("query", path, "a", "b", "--at", "1700000000250000000", "--json"))
+    assert answer["stamp_ns"] == 1_700_000_000_250_000_000

@@ -141,3 +141,21 @@ def test_names_that_may_be_meant(server: ServerProcess) -> None:
                     method("Camera")
             with pytest.raises(ExtrapolationException, match=r"too late\); pass timeout_s"):
                 reader.lookup_transform("map", "camera", PAST_NS + S)
+
+
+@pytest.mark.parametrize(("samples", "step_ns"), [(4, 1_000_000), (20, 5_000_000)])
+def test_samples_of_one_transaction_show_no_rate(samples: int, step_ns: int) -> None:
+    """Four of them were 1283.8 Hz for hours, and then a publisher that has stopped."""
+    tree = TransformTree()
+    begin_ns = time.time_ns() - 3600 * S
+    rows = [
+        StampedTransform("map", "arm", begin_ns + n * step_ns, Transform()) for n in range(samples)
+    ]
+    tree.set_transforms_xact(rows, "planner")
+    info = tree.frame("arm")
+    assert info.rate_hz is None
+    assert repr(info).startswith(
+        f"<FrameInfo 'arm' in 'map', newest_stamp_ns={rows[-1].stamp_ns}, "
+    )
+    assert " Hz" not in str(tree.explain("map", "arm"))
+    assert moving(begin_ns).frame("base").rate_hz == pytest.approx(10, rel=0.1)

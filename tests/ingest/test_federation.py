@@ -15,9 +15,9 @@ from tests.processes.servers import ServerProcess
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.errors import TransformException
+from zenoh_tf.introspection import metric_table
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server import flags
-from zenoh_tf_server.monitoring import metric_table
 
 S = 1_000_000_000
 ROBOTS = ("robot1", "robot2")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 import socket
 import struct
@@ -26,9 +27,9 @@ from tests.support.raw import raw
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LookupException
-from zenoh_tf_server.monitoring import metric_table
+from zenoh_tf.introspection import metric_table
 from zenoh_tf_server.monitoring.authority_series import OTHER, AuthoritySeries
-from zenoh_tf_server.monitoring.status_port import parse_address
+from zenoh_tf_server.monitoring.status_port import Page, StatusPort, parse_address
 from zenoh_tf_server.requests.counters import RequestCounters, buckets
 
 HOSTILE = 'lidar"\n\x1b[31m\\{}'
@@ -244,6 +245,44 @@ def test_silent_connections_do_not_use_up_the_server(server: ServerProcess) -> N
             connection.close()
     after = value(until(server, lambda found: value(found, "frames") == 2), "threads")
     assert after - before < len(silent)  # Zenoh's own threads come and go with the load
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/metrics"])
+def test_connections_that_drip_do_not_take_all(server: ServerProcess, path: str) -> None:
+    """Each sends a byte now and then, so none is silent."""
+    url = metrics_url(server)
+    where = parse_address(url.removeprefix("http://"))
+    with contextlib.ExitStack() as stack:
+        slow = [stack.enter_context(socket.create_connection(where)) for _ in range(40)]
+        for connection in slow:
+            connection.sendall(b"GET /healthz HTTP/1.1\r\nX: ")
+        for _ in range(5):
+            for connection in slow:
+                with contextlib.suppress(OSError):  # it was ended
+                    connection.sendall(b"a")
+            assert fetch(f"{url}{path}")[0] == 200
+
+
+def test_every_address_of_the_host_is_listened_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    addresses = [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET, "127.0.0.2")]
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET6) as probe:
+        probe.bind(("::1", 0))
+        addresses.append((socket.AF_INET6, "::1"))
+    missing = (socket.AF_INET, "192.0.2.1")  # no address of this host
+    monkeypatch.setattr(
+        socket,
+        "getaddrinfo",
+        lambda _host, port, **_: [
+            (family, socket.SOCK_STREAM, 6, "", (address, port))
+            for family, address in (*addresses, missing)
+        ],
+    )
+    status = StatusPort(("robot", 0), {"/healthz": lambda: Page(200, b"ok")})
+    for family, address in addresses:
+        with socket.socket(family) as connection:
+            connection.connect((address, status.port))
+            connection.sendall(b"GET /healthz HTTP/1.0\r\n\r\n")
+            assert connection.recv(100).startswith(b"HTTP/1.0 200")
 
 
 @pytest.mark.parametrize("text", ["127.0.0.1:9464", "localhost:1", "[::1]:9464"])

@@ -243,6 +243,11 @@ def change_schema_version(path: Path) -> None:
     database.close()
 
 
+def link_to_nowhere(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/nowhere/state.sqlite3")
+
+
 DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "garbage": (lambda path: path.write_bytes(b"garbage" * 1000), "file is not a database"),
     "empty": (lambda path: path.write_bytes(b""), "it is not a state of zenoh-tf-server"),
@@ -252,6 +257,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         "is damaged",
     ),
     "another value": (flip, "the row of 'frame 6' in static_links has a wrong checksum"),
+    "a link to a disk that is not mounted": (
+        link_to_nowhere,
+        "it is a link to /nowhere/state.sqlite3, which is missing",
+    ),
     "missing, but its log is there": (
         lambda path: path.rename(path.with_name("state.sqlite3-wal")),
         "the file is missing",

@@ -15,6 +15,7 @@ from typing import Final
 
 from ..errors import AccessDenied, InvalidArgumentException, ServerUnavailable
 from ..errors import TransformException as Failure
+from ..text import quoted
 from . import zenoh_config
 from .credentials import Credentials, load_authorities, load_certificate
 
@@ -76,6 +77,10 @@ def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials
     target = (host.strip("[]"), int(port))
     try:
         connection = _connect(target, timeout_s)
+    except socket.gaierror as error:
+        return ServerUnavailable(
+            f"the host {quoted(target[0])} of {where} is not known: {error.strerror}"
+        )
     except OSError:
         return unknown
     # Without TLS first: a server that expects TLS refuses that at once, but a Zenoh server takes

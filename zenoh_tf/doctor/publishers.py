@@ -7,7 +7,7 @@ from typing import Final
 
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.takeovers import takeovers
-from zenoh_tf.doctor.words import Evidence, authority, listed, times, window
+from zenoh_tf.doctor.words import Evidence, authority, listed, samples, times, window
 from zenoh_tf.introspection.sentences import mirror_is_lost
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S, age
@@ -189,7 +189,9 @@ def _late(facts: TreeFacts) -> Evidence:
             continue
         late_ns = (facts.grown(link, "late_ns") or 0) / (failures + waits)
         if failures >= _LATE_LOOKUPS or late_ns > _WAIT_S * 1e9:
-            rate = f"is published at {frame.rate_hz:.1f} Hz" if frame.rate_hz else "has one sample"
+            rate = f"has {samples(frame.samples)}"
+            if frame.rate_hz:
+                rate = f"is published at {frame.rate_hz:.1f} Hz"
             yield (
                 frame.name,
                 f"{failures + waits:,} lookups in {facts.observed_s:.1f} s asked for "

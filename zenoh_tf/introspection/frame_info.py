@@ -9,6 +9,8 @@ from typing import Any, Final, Literal, Self
 
 #: Two bits of a version are the lock's (`zenoh_tf/core/records/lock_words.hpp`).
 _VERSIONS_PER_COMMIT: Final = 4
+#: Samples of less show no rate.
+_LEAST_SPAN_NS: Final = 100_000_000
 
 
 #: Stamps that lead the clock by less are no sign of a wrong one: it is the delay of messages.
@@ -96,7 +98,7 @@ PARTS: Final[dict[str, type[FramePart]]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class FrameInfo:
     """A frame and the link to its parent, as of one instant.
 
@@ -170,11 +172,21 @@ class FrameInfo:
 
     @property
     def rate_hz(self) -> float | None:
-        """Samples per second between oldest and newest, as tf2 counts; ``None`` without a rate."""
+        """Samples per second between oldest and newest, as tf2 counts; ``None`` without a rate.
+
+        Samples of less than 0.1 s show none: all of them may be of one transaction.
+        """
         if self.static or self.oldest_stamp_ns is None or self.newest_stamp_ns is None:
             return None
         span_ns = self.newest_stamp_ns - self.oldest_stamp_ns
-        return self.samples * 1e9 / span_ns if span_ns > 0 else None
+        return self.samples * 1e9 / span_ns if span_ns >= _LEAST_SPAN_NS else None
+
+    def __repr__(self) -> str:
+        link = "a root" if self.parent is None else f"in {self.parent!r}"
+        if self.parent is not None:
+            newest = "static" if self.static else f"newest_stamp_ns={self.newest_stamp_ns}"
+            link += f", {newest}, samples={self.samples}, authority={self.authority!r}"
+        return f"<FrameInfo {self.name!r} {link}>"
 
     def delay_s(self, now_ns: int | None = None) -> float | None:
         """Return how many seconds the newest sample lies behind now: tf2's transform delay.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from zenoh_tf import _core
+from zenoh_tf._core import did_you_mean as _did_you_mean
+from zenoh_tf._core import similar_names
 
 __all__ = ["did_you_mean", "similar", "spelling"]
 
@@ -20,7 +21,7 @@ def similar(name: str, names: Collection[str], most: int = 3) -> list[str]:
     First come names that differ in case or slashes, then those that differ by a prefix, as
     ``robot1/base_link`` does from ``base_link``, then those that differ by some letters.
     """
-    return _core.similar_names(name, [*names], most)
+    return similar_names(name, [*names], most)
 
 
 def did_you_mean(unknown: str | Sequence[str], names: Collection[str]) -> str | None:
@@ -30,4 +31,4 @@ def did_you_mean(unknown: str | Sequence[str], names: Collection[str]) -> str | 
     ``did you mean 'base_link' instead of 'base', and 'laser' instead of 'lase'?``
     """
     several = [unknown] if isinstance(unknown, str) else [*unknown]
-    return _core.did_you_mean(several, [*names]) or None
+    return _did_you_mean(several, [*names]) or None

@@ -39,6 +39,8 @@ _ISO: Final = re.compile(
     r"(?P<zone>[zZ]|[+-]\d\d:?\d\d)?",
     re.ASCII,
 )
+#: A stamp as `--json` prints it: in seconds, it would be a billion years or more.
+_STAMP: Final = re.compile(r"\d{17,19}", re.ASCII)
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 #: What a number without a unit may mean.
 _LENGTHS: Final = "{0} seconds or {0} milliseconds; write {0}s or {0}ms"
@@ -100,6 +102,8 @@ def _time(text: str, bare: str, forms: str) -> tuple[str, int]:
     match = _LENGTH.fullmatch(text.removeprefix(sign))
     if match is None:
         return sign, _iso_ns(text, forms)
+    if match["unit"] is None and not sign and _STAMP.fullmatch(text):
+        return sign, int(text)
     if match["unit"] is None:
         raise ambiguous(text, _LENGTHS if sign else bare)
     ns = int(_length_ns(match))

@@ -16,6 +16,7 @@ from ..requests.receipt import Receipt
 from ..session import environment
 from ..session.connection import DEFAULT_TIMEOUT_S
 from ..session.mapped_tree import Mode, check
+from ..session.public import own_methods
 from .batch import AsyncBatch
 from .broadcaster import AsyncBroadcaster
 from .gate import AsyncGate
@@ -32,6 +33,7 @@ from .writes import AsyncWrites
 T = TypeVar("T")
 
 
+@own_methods
 class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
     """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
 

@@ -74,7 +74,7 @@ def open_session(
                 failure = connect_failure.explain_all(endpoints, tree, timeout_s, credentials)
                 is_final = not isinstance(failure, ServerUnavailable)
                 if is_final or time.monotonic() >= deadline_s:
-                    raise failure from error
+                    raise failure from None  # Zenoh's error says less
         is_first = False
         if len(endpoints) == 1 or time.monotonic() - begin_s >= attempt_s:  # it was too short
             attempt_s = min(2 * attempt_s, _MAX_ATTEMPT_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import textwrap
 from collections.abc import Callable
 from typing import Any
@@ -33,7 +34,8 @@ class Commands:
 
         `examples` are command lines for the end of its help.
         """
-        paragraphs = [textwrap.fill(each, 79) for each in description.split("\n\n")]
+        width = min(79, shutil.get_terminal_size().columns - 2)
+        paragraphs = [textwrap.fill(each, width) for each in description.split("\n\n")]
         parser: argparse.ArgumentParser = self.parsers.add_parser(
             name,
             parents=self.parents if run else (),

@@ -46,15 +46,21 @@ def connect(args: argparse.Namespace, reads: Mode | None = None) -> Iterator[Tra
         yield tf
 
 
-def add_credentials(parser: argparse.ArgumentParser, default: object = None) -> None:
+def add_credentials(
+    parser: argparse.ArgumentParser, default: object = None, *, shown: bool = True
+) -> None:
     """Add the options that say who the user is. There is none for the password itself, because
-    every user of the machine can see the arguments of a process."""
+    every user of the machine can see the arguments of a process.
+
+    `shown`: in the help text.
+    """
     group = parser.add_argument_group("keys and users")
     for name, option, metavar, meaning in _CREDENTIALS:
+        text = f"{meaning} (default: the environment's {environment.CREDENTIALS[name]})"
         group.add_argument(
             option,
             dest=name,
             metavar=metavar,
             default=default,
-            help=f"{meaning} (default: the environment's {environment.CREDENTIALS[name]})",
+            help=text if shown else argparse.SUPPRESS,
         )

@@ -7,6 +7,7 @@ on stderr, with ``--json`` a JSON object. Ctrl-C ends the process by its signal.
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import os
 import re
@@ -39,6 +40,7 @@ from zenoh_tf_tools.cli.tree import (
     static,
     write,
 )
+from zenoh_tf_tools.cli.usage import JsonUsageParser, UsageParser
 from zenoh_tf_tools.errors import FAULT_FOUND, CommandError
 
 # argparse reads "-1e-3" and "-5." as options, but "-0.001" as a number.
@@ -65,7 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # Names may have characters that the terminal's encoding lacks.
         sys.stdout.reconfigure(errors="backslashreplace")
-    args = _parser(json_errors="--json" in given).parse_args(_for_argparse(given))
+    parser = _parser(json_errors="--json" in given)
+    args, unknown = parser.parse_known_args(_for_argparse(given))
+    if unknown:  # of the command: the parser above would show its own usage
+        args.usage_error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         code: int = args.run(args)
         sys.stdout.flush()
@@ -81,6 +86,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of the output went away (`| head`). What is still buffered is discarded,
         # or Python would report an error at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        text = f"cannot write the output: {error.strerror}"
+        output.print_error("CommandError", text, {}, as_json=args.json, shown=text)
         return 1
     except TransformException as error:
         notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
@@ -114,16 +126,8 @@ def _for_argparse(given: Sequence[str]) -> list[str]:
     return arguments
 
 
-class _JsonErrorParser(argparse.ArgumentParser):
-    """Reports wrong usage as JSON."""
-
-    def error(self, message: str) -> NoReturn:
-        output.print_error("UsageError", message, {}, as_json=True, shown=message)
-        self.exit(2)
-
-
 def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
-    kind = _JsonErrorParser if json_errors else argparse.ArgumentParser
+    kind = JsonUsageParser if json_errors else UsageParser
     parser = kind(
         prog="zenoh-tf",
         description="Query, change and watch a transform tree served over Zenoh.",
@@ -182,7 +186,7 @@ def _add_common(parser: argparse.ArgumentParser, *, top: bool) -> None:
         default=default(False),
         help="print one JSON document; an error is one JSON object on stderr",
     )
-    add_credentials(parser, default(None))
+    add_credentials(parser, default(None), shown=top)
 
 
 if __name__ == "__main__":

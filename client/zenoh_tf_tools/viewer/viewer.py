@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from zenoh_tf import Estimate, TransformException, Velocity
 from zenoh_tf.text import quoted
 from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.viewer import origins
 from zenoh_tf_tools.viewer.camera import axes_m, typical_link_m
 from zenoh_tf_tools.viewer.cameras import Cameras
 from zenoh_tf_tools.viewer.controls.figures import figures_html, findings_html, status_html
@@ -77,7 +78,7 @@ def open_server(host: str, port: int) -> viser.ViserServer:
             probe.bind(address)
     except OSError as error:
         raise CommandError(f"cannot listen on {quoted(host)}: {error}") from error
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints a table
+    with contextlib.redirect_stdout(io.StringIO()), origins.checked():  # it prints a table
         server = viser.ViserServer(host, port, label="zenoh-tf", verbose=False)
     # The scene can be shared through a server on the internet. Neither the button, nor a message
     # of a page that a browser has opened may begin that.

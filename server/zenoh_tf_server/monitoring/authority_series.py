@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, NOT_SUMMED
 from zenoh_tf.text import cut, printable
-
-from .metric_table import FROM_AUTHORITIES, NOT_SUMMED
 
 OTHER: Final = "(other)"
 _MAX_LABEL_CHARS: Final = 100

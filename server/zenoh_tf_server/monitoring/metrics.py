@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+from zenoh_tf.introspection import metric_table
+from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
 from zenoh_tf.text import printable
 
 from ..requests.counters import OK, buckets
 from ..transport.running_server import RunningServer
-from . import metric_table
 from .authority_series import AuthoritySeries
-from .metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric as Family

@@ -8,9 +8,12 @@ have sent on `/tf_static`, and `outgoing` publishes.
 
 from __future__ import annotations
 
+import logging
 from contextlib import ExitStack
 
 import zenoh
+
+from zenoh_tf.ros2 import attachment
 
 from ..ingest.ingest import Ingest
 from ..limits import Limits
@@ -19,6 +22,8 @@ from ..state.static_links import StaticLinks
 from .incoming import Incoming
 from .outgoing import Outgoing
 from .settings import Ros2Settings
+
+log = logging.getLogger("zenoh_tf.server.ros2")
 
 
 def start(
@@ -31,6 +36,11 @@ def start(
     stack: ExitStack,
 ) -> None:
     """Join the ROS 2 network of a session, until the stack is closed."""
+    if settings.receive and not attachment.HAS_GIDS:
+        log.warning(
+            "the package xxhash is missing: publishers are known by their topic and session only, "
+            "not by their id; install zenoh-tf with the extra ros2"
+        )
     if settings.publish:
         outgoing = Outgoing(session, service.tree, links, settings)
         stack.callback(outgoing.close)

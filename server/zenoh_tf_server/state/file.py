@@ -100,7 +100,10 @@ class StateFile:
         except OSError as error:
             raise StateError(f"cannot use --state-dir {folder}: {error}") from error
         try:
+            # A link to a file that is missing, as of a disk that is not mounted, is no new state.
             if not self.path.exists():
+                if self.path.is_symlink():
+                    raise self._damaged(f"it is a link to {self.path.readlink()}, which is missing")
                 self._create(tree)
             self._database = self._open(sync)
             try:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from zenoh_tf import StampedTransform, TransformArray, TransformTree, export
 from zenoh_tf.recordings import MAX_MEMORY_BYTES
 from zenoh_tf.text import quoted
-from zenoh_tf.text.flag_values import size
+from zenoh_tf.text.flag_values import size, whole
 from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
@@ -50,9 +50,16 @@ def add(commands: Commands) -> None:
     when = query.add_mutually_exclusive_group()
     when.add_argument("--at", metavar="TIME", type=recorded_time, help=RECORDED_TIMES)
     add_duration(when, "--every", "at all times this far apart, such as 20ms", low_s=1e-9)
+    when.add_argument(
+        "--count",
+        metavar="N",
+        type=whole(2, _MAX_ROWS),
+        help="at so many times, evenly from the first to the last",
+    )
     recorded.add_range(
         query,
-        "{0} time of --every, written as for --at (default: the {0} that all links can serve)",
+        "{0} time of --every and --count, written as for --at (default: the {0} that all links "
+        "can serve)",
     )
     form = query.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print comma-separated values")
@@ -74,8 +81,9 @@ def add(commands: Commands) -> None:
 def _query(args: argparse.Namespace) -> int:
     if args.target is not None and args.source is None:
         args.usage_error("give both TARGET and SOURCE, or neither")
-    if (args.start or args.end) and args.every_s is None:
-        args.usage_error("--start and --end belong to --every")
+    args.is_series = args.every_s is not None or args.count is not None
+    if (args.start or args.end) and not args.is_series:
+        args.usage_error("--start and --end belong to --every and --count")
     keep_input(args.file, args.npz)
     advice = "; allow more by --max-memory, or read less by --topic"
     tree, range_ns = recorded.loaded(args, args.max_memory, advice)
@@ -110,15 +118,21 @@ def _times(
 ) -> NDArray[np.int64]:
     """The times to ask for; `range_ns`: the recording's first and last stamp; `served`: those that
     all links can serve, None if they are static."""
-    if args.every_s is None:
+    if not args.is_series:
         latest_ns = served[1] if served else 0
         return np.array([recorded.stamp_ns("--at", args.at, range_ns, latest_ns)], np.int64)
     if served is None:
         raise CommandError(
             f"all links between {quoted(args.target)} and {quoted(args.source)} are static: their "
-            "pose is the same at all times; ask for it without --every"
+            "pose is the same at all times; ask for it without --every and --count"
         )
     start, end = recorded.chosen_range(args, range_ns, served)
+    if args.count is not None:
+        # In integers: a double cannot represent nanoseconds since 1970.
+        steps = np.arange(args.count, dtype=np.int64)
+        whole_ns, rest_ns = divmod(end - start, args.count - 1)
+        evenly: NDArray[np.int64] = start + steps * whole_ns + steps * rest_ns // (args.count - 1)
+        return evenly
     step_ns = round(args.every_s * 1e9)
     count = (end - start) // step_ns + 1
     if count > _MAX_ROWS:
@@ -149,8 +163,8 @@ def _print(args: argparse.Namespace, array: TransformArray, *, static: bool) -> 
             print(*row, sep=",")
     elif args.json:
         answers = [output.answer_document(answer) for answer in _answers(args, array)]
-        output.print_json(answers if args.every_s else answers[0])
-    elif args.every_s:
+        output.print_json(answers if args.is_series else answers[0])
+    elif args.is_series:
         print("".join(f"{name:>12}" for name in ("time [s]", "", *_COLUMNS[1:])).strip())
         for stamp_ns, *pose in _rows(array):
             print(f"{seconds(stamp_ns):>20}", *(f"{number:11.6f}" for number in pose))

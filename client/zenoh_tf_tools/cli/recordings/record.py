@@ -103,7 +103,8 @@ def _wait(args: argparse.Namespace, recorder: Recorder, stop: threading.Event) -
     end_s = begin_s + (math.inf if args.for_s is None else args.for_s)
     is_silent, servers = False, recorder.counters.servers
     if not args.json:
-        print(f"recording to {args.file} until Ctrl-C", file=sys.stderr)
+        end = "Ctrl-C" if args.for_s is None else f"{args.for_s:g} s have passed, or Ctrl-C"
+        print(f"recording to {args.file} until {end}", file=sys.stderr)
     while not stop.wait(max(0.0, min(_PERIOD_S, end_s - time.monotonic()))):
         if time.monotonic() >= end_s or recorder.error is not None:
             return

@@ -124,6 +124,8 @@ class Folder:
             raise CommandError(f"no {reference} in {self.path}; there is {known}") from error
         except (OSError, ValueError) as error:  # ValueError: also not UTF-8, or not TOML
             raise CommandError(f"cannot read {path}: {error}") from error
+        except RecursionError:
+            raise CommandError(f"cannot read {path}: it is nested too deeply") from None
 
     def save(self, name: str, links: Links, tree: str, note: str) -> Calibration:
         """Write the next version of a calibration. Another program that saves the same one at the

@@ -15,6 +15,9 @@ from zenoh_tf_tools.cli.tree import estimate
 from zenoh_tf_tools.errors import FAULT_FOUND
 from zenoh_tf_tools.estimate_words import bounds
 
+#: A bound that is smaller needs no advice.
+_WORTH_M = 0.005
+
 
 def add(commands: Commands) -> None:
     explain = commands.add(
@@ -58,12 +61,16 @@ def _found(args: argparse.Namespace) -> tuple[Explanation, tuple[dict[str, objec
 def _now(tf: TransformClient, found: Explanation) -> tuple[dict[str, object], str] | None:
     """How well the pose is known now, and what would make that better; None if nothing moves, or
     it is unknown."""
+    if found.stamp_ns is not None or not found.possible:  # the question is about another time
+        return None
     if not found.by_clock or all(link.static for link in found.links):
         return None
     try:
         answer = tf.estimate_transform(found.target, found.source)
     except TransformException:
         return None
-    better = estimate.advice(tf, answer) or ""
+    if answer.basis == "backtest" and not answer.backtests:  # a bound that rests on nothing
+        return None
+    better = (estimate.advice(tf, answer) or "") if answer.error_m >= _WORTH_M else ""
     text = f"Estimated for now, it is {bounds(answer)}. {better}"
     return estimate.document(answer) | {"advice": better}, printable(text.rstrip())

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import asdict, fields
 
 from zenoh_tf import AuthorityInfo, FrameInfo, export
+from zenoh_tf.introspection.metric_table import FROM_ROBOTS, FROM_STATS
 from zenoh_tf.text import printable
 from zenoh_tf_client.session.mapped_tree import COUNTERS
-from zenoh_tf_server.monitoring.metric_table import FROM_ROBOTS, FROM_STATS
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect

@@ -1,6 +1,7 @@
-"""Every metric of the server in one table, which the collector reads.
+"""Every counter of `stats` and every metric of the server in one table, for the server's collector
+and the command line.
 
-``python -m zenoh_tf_server.monitoring.metric_table`` prints the table of docs/reference/metrics.md.
+``python -m zenoh_tf.introspection.metric_table`` prints the table of docs/reference/metrics.md.
 
 To export a new value, put it into `stats` (`Service.add_counters`) and declare it in `_STATS`. A
 new field of an authority's record is declared in `FROM_AUTHORITIES`, and one of a robot in

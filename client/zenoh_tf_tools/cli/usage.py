@@ -1,0 +1,57 @@
+"""How the command line reports wrong usage: what is wrong first, then how the command is called."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from typing import Final, NoReturn
+
+from zenoh_tf.text import quoted
+from zenoh_tf.text.similar import did_you_mean
+from zenoh_tf_tools.cli import output
+
+#: argparse's words for a value that is none of a list, such as a misspelt command.
+_CHOICE: Final = re.compile(
+    r"argument (?P<what>.+?): invalid choice: '(?P<given>.*)' \(choose from (?P<names>.*)\)"
+)
+_UNKNOWN: Final = re.compile(r"unrecognized arguments: (?P<option>--[\w-]+)")
+_OPTION: Final = re.compile(r"--[a-z][a-z-]*")
+#: An option, or a choice of several, as argparse's usage shows it.
+_OPTIONAL: Final = re.compile(r"\[-[^\[\]]*(\[[^\[\]]*\][^\[\]]*)*\]")
+
+
+class UsageParser(argparse.ArgumentParser):
+    """Reports what is wrong, with the name that may be meant, and the usage in short."""
+
+    def error(self, message: str) -> NoReturn:
+        positional = _OPTIONAL.sub("", self.format_usage()).split()[2:]
+        call = " ".join(
+            [f"usage: {self.prog} [options]", *positional[len(self.prog.split()) - 1 :]]
+        )
+        self.exit(
+            2,
+            f"{self.prog}: error: {self.explained(message)}\n{call}\n"
+            f"{self.prog} --help lists the options\n",
+        )
+
+    def explained(self, message: str) -> str:
+        """The message, with the command or the option that may be meant."""
+        if choice := _CHOICE.fullmatch(message):
+            question = did_you_mean(choice["given"], re.findall(r"'([^']*)'", choice["names"]))
+            if choice["what"] not in ("COMMAND", "ACTION"):
+                return message if question is None else f"{message}; {question}"
+            end = question or f"{self.prog} --help lists all"
+            return f"there is no {choice['what'].lower()} {quoted(choice['given'])}; {end}"
+        if unknown := _UNKNOWN.match(message):
+            question = did_you_mean(unknown["option"], {*_OPTION.findall(self.format_help())})
+            return message if question is None else f"{message}; {question}"
+        return message
+
+
+class JsonUsageParser(UsageParser):
+    """Reports wrong usage as JSON."""
+
+    def error(self, message: str) -> NoReturn:
+        text = self.explained(message)
+        output.print_error("UsageError", text, {}, as_json=True, shown=text)
+        self.exit(2)
