@@ -105,7 +105,7 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
         type=whole(1, _MAX_WORKERS),
         default=min(8, max(2, os.cpu_count() or 2)),
         metavar="N",
-        help=f"threads per type of request (default: 2 to 8; at most {_MAX_WORKERS})",
+        help=f"threads per type of request (2 to 8; at most {_MAX_WORKERS})",
     )
 
 

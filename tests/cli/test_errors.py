@@ -188,7 +188,9 @@ def test_wrong_usage(command: Run, line: str, message: str) -> None:
     if "--json" in line:
         assert json.loads(done.stderr)["type"] == "UsageError"
     else:
-        assert done.stderr.startswith("usage: zenoh-tf")
+        first, usage, _ = done.stderr.splitlines()
+        assert first.startswith("zenoh-tf") and ": error: " in first
+        assert usage.startswith("usage: zenoh-tf")
 
 
 def test_interrupted() -> None:

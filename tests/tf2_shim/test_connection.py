@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from zenoh_tf.errors import ServerUnavailable
-from zenoh_tf_client import tf2
+from zenoh_tf_client import TransformClient, tf2
 from zenoh_tf_client.tf2 import connection
 
 from .messages import LATEST, at, link
@@ -41,16 +41,13 @@ def test_a_script_names_the_server(start_server: Any, monkeypatch: pytest.Monkey
     assert tf.can_transform("map", "base")
 
 
-def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shim_leaves_the_defaults_to_the_sdk(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.delenv("ZENOH_TF_CONNECT", raising=False)
-    monkeypatch.delenv("ZENOH_TF_TREE", raising=False)
-    monkeypatch.delenv("ZENOH_TF_READS", raising=False)
 
     class Recorder:
         @classmethod
-        def connect(cls, endpoint: str, tree: str, *, credentials: object, reads: str) -> Recorder:
-            asked.append((endpoint, tree, reads))
+        def connect(cls, endpoint: str | None, tree: str | None) -> Recorder:
+            asked.append((endpoint, tree))
             return cls()
 
         def close(self) -> None:
@@ -58,7 +55,21 @@ def test_the_defaults_are_the_sdk_s(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(connection, "TransformClient", Recorder)
     tf2.connect()
-    assert asked == [("tcp/127.0.0.1:7447", "main", "shared")]
+    assert asked == [(None, None)]
+
+
+@pytest.mark.parametrize("tree", ["main", "mine"])
+def test_the_sdk_obeys_the_environment(
+    start_server: Any, monkeypatch: pytest.MonkeyPatch, tree: str
+) -> None:
+    server = start_server(tree=tree)
+    monkeypatch.setenv("ZENOH_TF_CONNECT", server.endpoint)
+    monkeypatch.setenv("ZENOH_TF_TREE", tree)
+    monkeypatch.setenv("ZENOH_TF_READS", "query")
+    with TransformClient.connect() as tf:
+        assert (tf.endpoint, tf.tree_name, tf.reads) == (server.endpoint, tree, "query")
+    with TransformClient.connect(reads="shared") as tf:  # an argument counts more
+        assert tf.tree_name == tree
 
 
 def test_one_server_at_a_time(start_server: Any) -> None:

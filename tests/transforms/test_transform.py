@@ -1,6 +1,7 @@
 """Transform and the values around it. Its laws are in test_transform_laws.py."""
 
 import importlib.metadata
+import math
 import pickle
 from typing import Any
 
@@ -23,10 +24,17 @@ def test_pose_and_columns() -> None:
     assert a.pose() == (1, 2, 3, 0, 0, 0.6, 0.8)
     np.testing.assert_array_equal(a.translation, [1, 2, 3])
     np.testing.assert_array_equal(a.rotation, [0, 0, 0.6, 0.8])
-    a.translation[0] = 9  # a copy: transforms do not change
-    assert a.pose()[0] == 1
+    for column in (a.translation, a.rotation):  # transforms do not change
+        with pytest.raises(ValueError, match="read-only"):
+            column[0] = 9
     with pytest.raises(AttributeError):
         setattr(a, "translation", (0, 0, 0))  # noqa: B010 - mypy knows that it cannot be done
+
+
+def test_angles_in_degrees() -> None:
+    turned = Transform.from_rpy(10, -20, 90, (1, 2, 3), degrees=True)
+    assert turned == Transform.from_rpy(*(math.radians(x) for x in (10, -20, 90)), (1, 2, 3))
+    np.testing.assert_allclose(np.degrees(turned.rpy()), [10, -20, 90])
 
 
 @pytest.mark.parametrize(

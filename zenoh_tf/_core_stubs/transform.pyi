@@ -70,6 +70,8 @@ class Transform:
         pitch: float,
         yaw: float,
         translation: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
+        *,
+        degrees: bool = False,
     ) -> Transform:
         """Return the transform with these angles about the fixed axes x, y, z, in that order.
 
@@ -77,20 +79,21 @@ class Transform:
         Example: `Transform.from_rpy(0, 0, math.pi / 2, (1, 0, 0))` is 1 m ahead, facing left.
 
         Args:
-            roll: Angle about x, radians.
-            pitch: Angle about y, radians.
-            yaw: Angle about z, radians.
+            roll: Angle about x, in radians.
+            pitch: Angle about y, in radians.
+            yaw: Angle about z, in radians.
             translation: (3,) x, y, z in metres.
+            degrees: The angles are in degrees.
 
         Raises:
             InvalidArgumentException: `translation` is not 3 numbers.
         """
     @property
     def translation(self) -> NDArray[np.float64]:
-        """The translation: a new (3,) float64 array, metres."""
+        """The translation: a new (3,) float64 array, metres. Read-only."""
     @property
     def rotation(self) -> NDArray[np.float64]:
-        """The rotation: a new (4,) float64 array, a quaternion (x, y, z, w)."""
+        """The rotation: a new (4,) float64 array, a quaternion (x, y, z, w). Read-only."""
     def pose(self) -> tuple[float, float, float, float, float, float, float]:
         """Return (x, y, z, qx, qy, qz, qw) as Python floats, the translation in metres."""
     def rpy(self) -> tuple[float, float, float]:

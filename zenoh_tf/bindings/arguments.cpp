@@ -53,6 +53,17 @@ Stamp stamp_of(nb::handle stamp, const char* field) {
   return value;
 }
 
+double timeout_of(nb::handle timeout_s) {
+  const double seconds = PyFloat_AsDouble(timeout_s.ptr());
+  if (seconds == -1.0 && PyErr_Occurred()) {
+    PyErr_Clear();
+    raise_invalid(
+        "timeout_s must be a number of seconds, not " + nb::cast<std::string>(nb::repr(timeout_s)),
+        "timeout_s");
+  }
+  return seconds;
+}
+
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field) {
   const nb::object items = nb::steal(PySequence_Tuple(values.ptr()));
   bool good = items.is_valid() && PyTuple_Size(items.ptr()) == n;

@@ -162,6 +162,8 @@ Query query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source)
 }
 // An int as a stamp; kNoStamp for None.
 Stamp stamp_of(nb::handle stamp, const char* field);
+// A number of seconds, as yet of any sign.
+double timeout_of(nb::handle timeout_s);
 // Exactly n numbers of a sequence.
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field);
 Pose pose_of(nb::handle translation, nb::handle rotation);

@@ -118,7 +118,8 @@ class StampColumn {
     const auto kind = nb::cast<std::string>(array.attr("dtype").attr("kind"));
     if (size != 0 && kind != "i" && kind != "u")
       raise_invalid("stamps_ns must be integers (nanoseconds), not " +
-                        nb::cast<std::string>(array.attr("dtype").attr("name")),
+                        nb::cast<std::string>(array.attr("dtype").attr("name")) +
+                        ": make an array with dtype=np.int64",
                     kField);
     if (size != 0 && kind == "u") stamp_of(array.attr("max")(), kField);
     return numpy.attr("ascontiguousarray")(array, numpy.attr("int64"))

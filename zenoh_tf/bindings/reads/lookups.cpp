@@ -89,7 +89,8 @@ Query query_at(const AnyTree& tree, nb::handle target, nb::handle source, nb::ha
 
 template <class AnyTree>
 StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-                        double timeout_s) {
+                        nb::handle timeout) {
+  const double timeout_s = timeout_of(timeout);
   const auto query = [&] { return query_at(tree, target, source, stamp); };
   Answer a;
   std::string waited;
@@ -106,7 +107,8 @@ StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle sourc
 template <class AnyTree>
 StampedTransform lookup_full(const AnyTree& tree, nb::handle target, nb::handle target_stamp,
                              nb::handle source, nb::handle source_stamp, nb::handle fixed,
-                             double timeout_s) {
+                             nb::handle timeout) {
+  const double timeout_s = timeout_of(timeout);
   const auto query = [&] {
     Query named = query_of(tree, Op::full, target, source);
     named.stamp = stamp_of(target_stamp, "target_stamp_ns");
@@ -131,7 +133,8 @@ StampedTransform lookup_full(const AnyTree& tree, nb::handle target, nb::handle 
 
 template <class AnyTree>
 bool can(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-         double timeout_s) {
+         nb::handle timeout) {
+  const double timeout_s = timeout_of(timeout);
   for (const nb::handle name : {target, source}) {
     const std::string_view text = text_of(name, "frame");
     if (text.empty() || text[0] == '/') return false;

@@ -119,7 +119,9 @@ Pose from_pose(nb::handle pose) {
 }
 
 // Rz(yaw) Ry(pitch) Rx(roll).
-Pose from_rpy(double roll, double pitch, double yaw, nb::handle translation) {
+Pose from_rpy(double roll, double pitch, double yaw, nb::handle translation, bool degrees) {
+  if (degrees)
+    for (double* angle : {&roll, &pitch, &yaw}) *angle *= std::numbers::pi / 180;
   Pose p;
   numbers_of(translation, &p.x, 3, "translation");
   const double sr = std::sin(roll / 2), cr = std::cos(roll / 2);
@@ -163,22 +165,26 @@ void bind_constructors(nb::class_<Pose>& transform) {
                   nb::arg("matrix").none())
       .def_static("from_rpy", &from_rpy, ZTF_DOC(Transform_from_rpy), nb::arg("roll"),
                   nb::arg("pitch"), nb::arg("yaw"),
-                  nb::arg("translation").none() = nb::make_tuple(0.0, 0.0, 0.0));
+                  nb::arg("translation").none() = nb::make_tuple(0.0, 0.0, 0.0), nb::kw_only(),
+                  nb::arg("degrees") = false);
+}
+
+// A new array of some numbers. Read-only: a user who writes to it expects the transform to change.
+nb::object read_only(const double* values, std::size_t n) {
+  auto storage = std::make_unique_for_overwrite<double[]>(n);
+  std::copy_n(values, n, storage.get());
+  const double* const data = storage.get();
+  nb::capsule owner(storage.release(), [](void* p) noexcept { delete[] static_cast<double*>(p); });
+  return nb::cast(nb::ndarray<nb::numpy, const double>(data, {n}, owner));
 }
 
 void bind_parts(nb::class_<Pose>& transform) {
   transform
       .def_prop_ro(
-          "translation",
-          [](const Pose& p) {
-            return make_array<double>({3}, [&](double* d) { std::copy_n(&p.x, 3, d); });
-          },
+          "translation", [](const Pose& p) { return read_only(&p.x, 3); },
           ZTF_PROPERTY_DOC(Transform_translation))
       .def_prop_ro(
-          "rotation",
-          [](const Pose& p) {
-            return make_array<double>({4}, [&](double* d) { std::copy_n(&p.qx, 4, d); });
-          },
+          "rotation", [](const Pose& p) { return read_only(&p.qx, 4); },
           ZTF_PROPERTY_DOC(Transform_rotation))
       .def(
           "pose", [](const Pose& p) { return numbers(&p.x, 7); }, ZTF_DOC(Transform_pose))
