@@ -33,7 +33,9 @@ def test_pose_and_columns() -> None:
 
 def test_angles_in_degrees() -> None:
     turned = Transform.from_rpy(10, -20, 90, (1, 2, 3), degrees=True)
-    assert turned == Transform.from_rpy(*(math.radians(x) for x in (10, -20, 90)), (1, 2, 3))
+    assert turned == Transform.from_rpy(
+        math.radians(10), math.radians(-20), math.radians(90), (1, 2, 3)
+    )
     np.testing.assert_allclose(np.degrees(turned.rpy()), [10, -20, 90])
 
 
