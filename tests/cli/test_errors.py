@@ -188,7 +188,7 @@ def test_wrong_usage(command: Run, line: str, message: str) -> None:
     if "--json" in line:
         assert json.loads(done.stderr)["type"] == "UsageError"
     else:
-        first, usage, _ = done.stderr.splitlines()
+        first, usage, *_ = done.stderr.splitlines()
         assert first.startswith("zenoh-tf") and ": error: " in first
         assert usage.startswith("usage: zenoh-tf")
 

@@ -73,7 +73,7 @@ def test_arguments_of_other_programs(command: Command, typed: str, said: str) ->
     which argument it is."""
     done = command("static", *typed.split())
     assert (done.returncode, done.stdout) == (2, "")
-    assert said in done.stderr.splitlines()[-1]
+    assert said in done.stderr.splitlines()[0]
 
 
 def strict(text: str) -> Any:

@@ -24,10 +24,10 @@ class UsageParser(argparse.ArgumentParser):
     """Reports what is wrong, with the name that may be meant, and the usage in short."""
 
     def error(self, message: str) -> NoReturn:
-        positional = _OPTIONAL.sub("", self.format_usage()).split()[2:]
-        call = " ".join(
-            [f"usage: {self.prog} [options]", *positional[len(self.prog.split()) - 1 :]]
-        )
+        call = self.format_usage().rstrip()
+        if self.usage is None:  # else it is short
+            arguments = _OPTIONAL.sub("", call).split()[1 + len(self.prog.split()) :]
+            call = " ".join([f"usage: {self.prog} [options]", *arguments])
         self.exit(
             2,
             f"{self.prog}: error: {self.explained(message)}\n{call}\n"
