@@ -135,9 +135,11 @@ class BatchOperations(ABC):
     def _record(self, request: Request[T]) -> Handle[T]:
         """Add a request to what the batch sends."""
 
-    def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
+    def sample(
+        self, target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
+    ) -> Handle[TransformArray]:
         """As `TransformTree.sample`."""
-        return self.lookup_transforms(target, source, stamps_ns)
+        return self.lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
 ''',
         {
             f"{CLIENT}/requests/lookups.py": (

@@ -131,7 +131,13 @@ class Tree(_Reads[Never]):
             LimitExceeded: A limit of the tree is reached; `field` names it.
         """
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """Return the pose of source in target at one time.
 
@@ -143,15 +149,18 @@ class Tree(_Reads[Never]):
             source: Frame whose coordinates are given.
             stamp_ns: Time in nanoseconds; None means the latest common time of all links.
             timeout_s: Seconds to wait for a write that makes the answer possible.
+            max_gap_s: Most seconds between two samples of a link to interpolate over; None for any.
 
         Returns:
-            `X_target_source` in metres, with parent_frame target and child_frame source.
+            `X_target_source` in metres, with parent_frame target and child_frame source. Its
+            `gap_ns` is not 0 if it was interpolated over a gap.
 
         Raises:
             LookupException: A frame does not exist, or the path is longer than `max_depth`.
             ConnectivityException: No path connects the frames.
             ExtrapolationException: A link has no data for that time; its subclasses say why.
-            InvalidArgumentException: A name, the stamp or the time-out is invalid.
+            GapTooLong: The samples of a link around that time are farther apart than `max_gap_s`.
+            InvalidArgumentException: A name, the stamp, the time-out or the limit is invalid.
         """
     def lookup_transform_full(
         self,
@@ -161,6 +170,8 @@ class Tree(_Reads[Never]):
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """Return the pose of source at one time in target at another.
 
@@ -174,15 +185,18 @@ class Tree(_Reads[Never]):
             source_stamp_ns: Time of source in nanoseconds; None as above, for source.
             fixed_frame: Frame that does not move between the two times.
             timeout_s: Seconds to wait for a write that makes the answer possible.
+            max_gap_s: Most seconds between two samples of a link to interpolate over; None for any.
 
         Returns:
-            `X_target_source` in metres, stamped with target's time.
+            `X_target_source` in metres, stamped with target's time; `gap_ns` as of
+            `lookup_transform`.
 
         Raises:
             LookupException: A frame does not exist, or the path is longer than `max_depth`.
             ConnectivityException: No path connects a frame with the fixed one.
             ExtrapolationException: A link has no data for its time.
-            InvalidArgumentException: A name, a stamp or the time-out is invalid.
+            GapTooLong: The samples of a link around its time are farther apart than `max_gap_s`.
+            InvalidArgumentException: A name, a stamp, the time-out or the limit is invalid.
         """
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0

@@ -37,6 +37,8 @@ class TransformArray:
         poses: (n, 7) float64 rows x, y, z (metres), qx, qy, qz, qw; NaN in rows that failed.
         targets: The targets' names: one for all rows, or (n,); None if unknown.
         sources: The sources' names, in the same form.
+        gaps_ns: (n,) int64, the longest gap that each row was interpolated over, in nanoseconds, as
+            `StampedTransform.gap_ns`; 0 where there is none. None stands for zeros.
     """
 
     status: NDArray[np.uint8]
@@ -44,6 +46,11 @@ class TransformArray:
     poses: NDArray[np.float64]
     targets: Names = None
     sources: Names = None
+    gaps_ns: NDArray[np.int64] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.gaps_ns is None:
+            object.__setattr__(self, "gaps_ns", np.zeros(len(self.status), np.int64))
 
     # Without this NumPy would treat `ndarray @ self` as a product of object arrays.
     __array_ufunc__ = None
@@ -123,16 +130,21 @@ class TransformArray:
         poses[:, 3:6] = -self.poses[:, 3:6]
         poses[:, 6] = self.poses[:, 6]
         poses[:, :3] = _rotate(poses[:, 3:], -self.poses[:, :3])
-        return TransformArray(self.status, self.stamps_ns, poses, self.sources, self.targets)
+        return TransformArray(
+            self.status, self.stamps_ns, poses, self.sources, self.targets, self.gaps_ns
+        )
 
     def __matmul__(self, other: TransformArray | Transform) -> TransformArray:
         """Return `X_ac = X_ab @ X_bc`, row by row; a Transform stands for every row.
 
-        Stamps are those of the left array. A row fails if either fails, with the left's code first.
+        Stamps are those of the left array, gaps the longer ones. A row fails if either fails, with
+        the left's code first.
         """
         if isinstance(other, Transform):
             poses = _compose(self.poses, np.array([other.pose()]))
-            return TransformArray(self.status, self.stamps_ns, poses, self.targets)
+            return TransformArray(
+                self.status, self.stamps_ns, poses, self.targets, gaps_ns=self.gaps_ns
+            )
         if not isinstance(other, TransformArray):
             return NotImplemented
         if len(self) != len(other):
@@ -142,14 +154,15 @@ class TransformArray:
             )
         status = np.where(self.status != 0, self.status, other.status)
         poses = _compose(self.poses, other.poses)
-        return TransformArray(status, self.stamps_ns, poses, self.targets, other.sources)
+        gaps_ns = np.maximum(self.gaps_ns, other.gaps_ns)
+        return TransformArray(status, self.stamps_ns, poses, self.targets, other.sources, gaps_ns)
 
     def __rmatmul__(self, other: Transform) -> TransformArray:
         """Return `X_ac = X_ab @ X_bc`, where the Transform `X_ab` stands for every row."""
         if not isinstance(other, Transform):
             return NotImplemented
         poses = other.apply_poses(self.poses)
-        return TransformArray(self.status, self.stamps_ns, poses, None, self.sources)
+        return TransformArray(self.status, self.stamps_ns, poses, None, self.sources, self.gaps_ns)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -185,6 +198,7 @@ class TransformArray:
             self.poses[rows],
             _names_of(self.targets, rows),
             _names_of(self.sources, rows),
+            self.gaps_ns[rows],
         )
 
     def __iter__(self) -> Iterator[Transform]:

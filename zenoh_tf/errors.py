@@ -10,6 +10,7 @@
     │   ├── NoDataForExtrapolationException     it holds a single sample, at another time
     │   ├── BackwardExtrapolationException      the time is older than its oldest sample
     │   ├── ForwardExtrapolationException       the time is newer than its newest sample
+    │   ├── GapTooLong                          its samples are farther apart than the limit
     │   └── TooUncertain                        an estimate's error may exceed the caller's limit
     ├── TransactionConflict                 a frame that a transaction read has changed since
     ├── LimitExceeded                       a documented limit is reached
@@ -24,7 +25,7 @@
         └── ReplicaBehind                   a replica lacks what its client must see
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
-apply is ``None``. The classes up to the extrapolation errors are tf2's, except
+apply is ``None``. The classes up to the extrapolation errors are tf2's, except `GapTooLong` and
 `TooUncertain`.
 """
 
@@ -52,6 +53,7 @@ FACTS = {
     "retry_after_s": "server busy or just started: try again after this many seconds",
     "error_m": "an estimate's bound of the error of the position, metres",
     "error_rad": "an estimate's bound of the error of the orientation, radians",
+    "gap_ns": "the time between two samples that a lookup would interpolate over, nanoseconds",
     "by_ns": "how far an estimate carries a link beyond its newest sample, nanoseconds",
 }
 
@@ -83,6 +85,7 @@ class TransformException(Exception):
     retry_after_s: float | None = None
     error_m: float | None = None
     error_rad: float | None = None
+    gap_ns: int | None = None
     by_ns: int | None = None
 
     def __init__(self, message: str = "", **facts: object) -> None:
@@ -229,6 +232,14 @@ class TooUncertain(ExtrapolationException):
     are the estimate's, `limit` is the one exceeded, and the link is the one that adds most."""
 
     code = 21
+
+
+class GapTooLong(ExtrapolationException):
+    """A link's samples around the requested time are farther apart than the caller accepts.
+    `oldest_stamp_ns` and `newest_stamp_ns` are their stamps, `gap_ns` is the time between them, and
+    `limit` is the caller's, in seconds."""
+
+    code = 22
 
 
 class ServerStarting(LookupException):

@@ -14,6 +14,7 @@ from zenoh_tf import threads
 from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
+from zenoh_tf.gap_limit import max_gap_ns
 from zenoh_tf.gate_queue import (
     EARLY_S,
     PAUSE_S,
@@ -33,10 +34,21 @@ class GateLookups(Protocol):
     """What a gate looks up in: a tree, a client or a mirror."""
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int, timeout_s: float
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int,
+        timeout_s: float,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform: ...
     def lookup_transforms(
-        self, targets: str, sources: str, stamps_ns: list[int]
+        self,
+        targets: str,
+        sources: str,
+        stamps_ns: list[int],
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray: ...
 
 
@@ -65,6 +77,7 @@ class Gate:
         queue_size: int,
         timeout_s: float,
         on_drop: OnDrop | None,
+        max_gap_s: float | None = None,
     ) -> None:
         """Use `TransformTree.gate` or `TransformClient.gate` instead.
 
@@ -72,9 +85,11 @@ class Gate:
             InvalidArgumentException: An argument is invalid.
         """
         check_item(target, 0)
+        max_gap_ns(max_gap_s)  # raises
         self.target = target
         self._source = source
         self._on_drop = on_drop
+        self._max_gap_s = max_gap_s
         self._queue: GateQueue[Any] = GateQueue(target, queue_size, timeout_s)
         self._reports = FirstError(log)
         self._lock = threading.Condition()
@@ -184,7 +199,9 @@ class Gate:
             items = self._queue.oldest(frame)
         for portion in portions(items):
             stamps = [held.stamp_ns for held in portion]
-            answers = self._source.lookup_transforms(self.target, frame, stamps)
+            answers = self._source.lookup_transforms(
+                self.target, frame, stamps, max_gap_s=self._max_gap_s
+            )
             with self._lock:
                 if not self._queue.looked_up(portion, answers):
                     return
@@ -196,7 +213,7 @@ class Gate:
         try:
             with self._reports.converted():
                 found = self._source.lookup_transform(
-                    self.target, held.frame, held.stamp_ns, timeout_s
+                    self.target, held.frame, held.stamp_ns, timeout_s, max_gap_s=self._max_gap_s
                 )
         except ServiceException as error:
             with self._lock:
@@ -208,7 +225,7 @@ class Gate:
                 self._queue.failed(held, error, for_good=early)
         else:
             with self._lock:
-                self._queue.passed(held, found.transform)
+                self._queue.passed(held, found.transform, found.gap_ns)
                 self._wake()
         finally:
             with self._lock:

@@ -23,6 +23,7 @@ from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import (
     BackwardExtrapolationException,
+    GapTooLong,
     LookupException,
     ServiceException,
     TransformException,
@@ -31,8 +32,10 @@ from zenoh_tf.errors import (
 
 T = TypeVar("T")
 
-Reason = Literal["too_old", "full", "timeout", "unknown_frame", "closed"]
-REASONS: Final[tuple[Reason, ...]] = ("too_old", "full", "timeout", "unknown_frame", "closed")
+Reason = Literal["too_old", "gap", "full", "timeout", "unknown_frame", "closed"]
+REASONS: Final[tuple[Reason, ...]] = (
+    *("too_old", "gap", "full", "timeout", "unknown_frame", "closed"),
+)
 
 #: After an error of the service, the next attempt.
 PAUSE_S: Final = 0.05
@@ -75,10 +78,11 @@ class Dropped(Generic[T]):
         item: What was put.
         frame: Its frame.
         stamp_ns: Its time in nanoseconds.
-        reason: `"too_old"`: the time is before the history of a link. `"full"`: the gate held as
-            many items, or items of as many frames, as it may. `"timeout"`: the transform did not
-            come in time. `"unknown_frame"`: nor did a frame of the lookup. `"closed"`: the gate was
-            closed before.
+        reason: `"too_old"`: the time is before the history of a link. `"gap"`: the samples of a
+            link around the time are farther apart than the gate's `max_gap_s`. `"full"`: the gate
+            held as many items, or items of as many frames, as it may. `"timeout"`: the transform
+            did not come in time. `"unknown_frame"`: nor did a frame of the lookup. `"closed"`: the
+            gate was closed before.
         error: The last error of the lookup, with its facts; None if there was none.
     """
 
@@ -159,15 +163,19 @@ class GateQueue(Generic[T]):
         for row, held in enumerate(items):
             if not answers.status[row]:
                 found = True
-                self.passed(held, answers[row])
+                self.passed(held, answers[row], int(answers.gaps_ns[row]))
             elif answers.status[row] == BackwardExtrapolationException.code:
                 self.drop(held, "too_old")
+            elif answers.status[row] == GapTooLong.code:
+                self.drop(held, "gap")
         return found
 
-    def passed(self, held: Held[T], transform: Any) -> None:
+    def passed(self, held: Held[T], transform: Any, gap_ns: int) -> None:
         """Hand an item over, unless it has left."""
         if self._remove(held):
-            stamped = StampedTransform(self.target, held.frame, held.stamp_ns, transform)
+            stamped = StampedTransform(
+                self.target, held.frame, held.stamp_ns, transform, gap_ns=gap_ns
+            )
             self.ready.append(Passed(held.item, stamped))
             self.counts["passed"] += 1
 
@@ -184,6 +192,8 @@ class GateQueue(Generic[T]):
         if isinstance(error, LookupException):
             if for_good:  # such as a frame outside of what a mirror has
                 self.drop(held, "unknown_frame")
+        elif isinstance(error, GapTooLong):
+            self.drop(held, "gap")
         elif isinstance(error, BackwardExtrapolationException) or for_good:
             self.drop(held, "too_old")
 

@@ -7,19 +7,34 @@ Thread safety: all functions.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from zenoh_tf import _core
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf import _core, sweep_times
+from zenoh_tf.errors import (
+    BY_CODE,
+    ExtrapolationException,
+    InvalidArgumentException,
+    TransformException,
+    must_be,
+)
+from zenoh_tf.gap_limit import NO_GAPS, max_gap_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike, NDArray
 
     from zenoh_tf._core import AskServer, SharedTree, Tree
 
     Points = NDArray[Any]  # float32 or float64
+
+#: The codes of errors that are about a point's time, so that other points may have an answer.
+_OF_A_TIME: Final = [
+    kind.code for kind in BY_CODE.values() if issubclass(kind, ExtrapolationException)
+]
 
 _KINDS = (np.dtype(np.float32), np.dtype(np.float64))
 
@@ -62,15 +77,27 @@ def output_like(points: Points, out: Points | None, kind: Any) -> Points:
     return out
 
 
+@dataclass(frozen=True, slots=True)
+class SweepOptions:
+    """The keyword arguments of `TransformTree.deskew`, which documents them."""
+
+    out: Points | None = None
+    begin_ns: int | None = None
+    max_gap_s: float | None = None
+    missing: Literal["nan", "raw"] = "nan"
+    ok: NDArray[np.bool_] | None = None
+    strict: bool = False
+
+
 class Sweep:
-    """The points of a sweep with the time of each, and the array for the result.
+    """The points of a sweep with the time of each, and the arrays for the result.
 
     Raises:
         InvalidArgumentException: The arrays do not fit each other, or hold other values.
     """
 
     def __init__(
-        self, points: ArrayLike, stamps_ns: ArrayLike, at_ns: int, out: Points | None
+        self, points: ArrayLike, stamps_ns: ArrayLike, at_ns: int, options: SweepOptions
     ) -> None:
         values = real_numbers(points)
         if not 1 <= values.ndim <= 3 or values.shape[-1] != 3:
@@ -78,44 +105,100 @@ class Sweep:
                 f"points must have the shape (n, 3) or (rows, columns, 3), not {values.shape}",
                 field="points",
             )
+        if options.missing not in ("nan", "raw"):
+            raise must_be("missing", "'nan' or 'raw'", options.missing)
         #: What the caller gets.
-        self.out = output_like(values, out, values.dtype)
-        self.at_ns = _integer(at_ns)
+        self.out = output_like(values, options.out, values.dtype)
+        self.at_ns = _integer(at_ns, "at_ns")
+        self.max_gap_ns = max_gap_ns(options.max_gap_s, NO_GAPS)
+        self.strict = options.strict
+        self._missing = options.missing
         grid = values.shape[:-1]
+        self._ok = _mask(options.ok, grid)
         shape = (1,) * (2 - len(grid)) + grid
         #: Of the shapes (rows, columns, 3) and (rows, columns).
         self.points = values.reshape((*shape, 3)) if values.ndim < 3 else values
-        self.stamps = _stamps(stamps_ns, grid).reshape(shape)
+        stamps, self._lost = _stamps(stamps_ns, grid), None
+        if options.begin_ns is not None:
+            begin_ns = _integer(options.begin_ns, "begin_ns")
+            narrow = np.asarray(stamps_ns).dtype == np.uint32
+            stamps, lost = sweep_times.absolute(stamps, begin_ns, narrow=narrow)
+            if lost is not None:
+                stamps = np.where(lost, self.at_ns, stamps)
+                self._lost = lost.reshape(shape)
+        self.stamps = stamps.reshape(shape)
         written = self.out if self.out.ndim == 3 else self.out.reshape((*shape, 3))
         # Native code cannot write to odd addresses.
         self._written = written
         self.target = readable(written)
 
     def done(self) -> Points:
-        """The result, once it is in `target`."""
-        if self.target is not self._written:
-            self._written[...] = self.target
-        return self.out
+        """The result, once it is in `target`, and every point that has a stamp was moved."""
+        if self._lost is None:
+            return self._finish(None, None)
+        return self._finish(self._lost, self.points[self._lost])
 
     def times(self) -> NDArray[np.int64]:
         """Every time at which the motion is needed, once, ascending; `at_ns` too."""
         return np.unique(np.append(np.unique(self.stamps), self.at_ns))
 
-    def compensate(self, times: NDArray[np.int64], poses: NDArray[np.float64]) -> Points:
-        """Return the result from `X_fixed_source` at each of `times`."""
-        at = poses[int(np.searchsorted(times, self.at_ns))].tolist()
+    def compensate(
+        self,
+        times: NDArray[np.int64],
+        status: NDArray[np.uint8],
+        poses: NDArray[np.float64],
+        error_of: Callable[[int], TransformException],
+    ) -> Points:
+        """Return the result from `X_fixed_source` at each of `times`: NaN where `status`, an
+        error's code, is not 0. `error_of` gives the error of such a row.
+
+        Raises the error at `at_ns`; the first one if no point can be moved, one is not about a
+        time, or errors are strict.
+        """
+        at_row = int(np.searchsorted(times, self.at_ns))
+        if status[at_row]:
+            raise error_of(at_row)
+        failed = np.flatnonzero(status)
+        rows = np.searchsorted(times, self.stamps) if failed.size else None
+        bad = None if rows is None else status[rows] != 0
+        if failed.size and (
+            self.strict or bad is None or bad.all() or not np.isin(status[failed], _OF_A_TIME).all()
+        ):
+            raise error_of(int(failed[0]))
+        if self._lost is not None:
+            bad = self._lost if bad is None else bad | self._lost
+        kept = None if bad is None else self.points[bad]  # `out` may be `points`
+        at = poses[at_row].tolist()
         _core.deskew_by_samples(self.points, self.stamps, self.target, times, poses, at)
-        return self.done()
+        return self._finish(bad, kept)
+
+    def _finish(self, bad: NDArray[np.bool_] | None, kept: Points | None) -> Points:
+        """The result, with NaN or what was measured for points that could not be moved."""
+        if bad is not None:
+            self.target[bad] = np.nan if self._missing == "nan" else kept
+        if self._ok is not None:
+            self._ok[...] = True if bad is None else ~bad.reshape(self._ok.shape)
+        if self.target is not self._written:
+            self._written[...] = self.target
+        return self.out
 
 
 def deskew(tree: Tree | SharedTree, sweep: Sweep, source: str, fixed: str) -> Points | AskServer:
     """Move a sweep's points by a tree of this process; a mapped one may return an AskServer."""
-    done = tree._deskew(sweep.points, sweep.stamps, sweep.target, source, fixed, sweep.at_ns)
+    try:
+        done = tree._deskew(
+            *(sweep.points, sweep.stamps, sweep.target, source, fixed, sweep.at_ns),
+            sweep.max_gap_ns,
+        )
+    except ExtrapolationException as error:
+        if sweep.strict or error.stamp_ns == sweep.at_ns:
+            raise
+        done = False
     if isinstance(done, _core.AskServer):
         return done
     if done:
         return sweep.done()
-    # Frames were reparented, so the path may differ from time to time.
+    # Each time by itself: the path may differ from time to time, or some have no answer.
     times = sweep.times()
     rows = tree._read_rows(
         [fixed, source],
@@ -124,20 +207,32 @@ def deskew(tree: Tree | SharedTree, sweep: Sweep, source: str, fixed: str) -> Po
         np.ones(len(times), np.uint32),
         times,
         atomic=True,
+        max_gap_ns=sweep.max_gap_ns,
     )
     if isinstance(rows, _core.AskServer):
         return rows
-    _, _, _, poses, errors, _ = rows
-    for _, error in errors:
-        raise error
-    return sweep.compensate(times, poses)
+    status, _, _, poses, errors, *_ = rows
+    return sweep.compensate(times, status, poses, dict(errors).__getitem__)
 
 
-def _integer(at_ns: int) -> int:
-    if isinstance(at_ns, (int, np.integer)) and -(1 << 63) < at_ns < 1 << 63:
-        return int(at_ns)
+def _mask(ok: NDArray[np.bool_] | None, grid: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    if ok is None or (
+        isinstance(ok, np.ndarray)
+        and ok.shape == grid
+        and ok.dtype == np.bool_
+        and ok.flags.writeable
+    ):
+        return ok
     raise InvalidArgumentException(
-        f"at_ns must be an int of nanoseconds, not {at_ns!r}", field="at_ns", value=str(at_ns)
+        f"ok must be a writable bool array of the shape {grid}", field="ok"
+    )
+
+
+def _integer(time_ns: int, field: str) -> int:
+    if isinstance(time_ns, (int, np.integer)) and -(1 << 63) < time_ns < 1 << 63:
+        return int(time_ns)
+    raise InvalidArgumentException(
+        f"{field} must be an int of nanoseconds, not {time_ns!r}", field=field, value=str(time_ns)
     )
 
 

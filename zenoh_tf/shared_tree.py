@@ -20,6 +20,7 @@ from zenoh_tf import _core
 from zenoh_tf._core import AskServer, RegionRefused
 from zenoh_tf.array import TransformArray
 from zenoh_tf.estimate import TreeEstimates
+from zenoh_tf.gap_limit import max_gap_ns
 from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
@@ -57,12 +58,15 @@ class SharedTree(_core.SharedTree):
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray | AskServer:
         """As `TransformTree.lookup_transforms`."""
-        columns = self._lookup_columns(targets, sources, stamps_ns)
+        columns = self._lookup_columns(targets, sources, stamps_ns, max_gap_s)
         if isinstance(columns, AskServer):
             return columns
-        return TransformArray(*columns, targets, sources)
+        status, stamps, poses, gaps = columns
+        return TransformArray(status, stamps, poses, targets, sources, gaps)
 
     def lookup_velocity(
         self,
@@ -74,6 +78,7 @@ class SharedTree(_core.SharedTree):
         reference_frame: str | None = None,
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
+        max_gap_s: float | None = None,
     ) -> Velocity | AskServer:
         """As `TransformTree.lookup_velocity`."""
         record = self._velocity_record(
@@ -84,6 +89,7 @@ class SharedTree(_core.SharedTree):
             reference_frame,
             reference_point,
             reference_point_frame,
+            max_gap_ns(max_gap_s),
         )
         return record if isinstance(record, AskServer) else Velocity.from_record(record)
 

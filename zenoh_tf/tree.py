@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from zenoh_tf import _core, notebook
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.estimate import TreeEstimates
+from zenoh_tf.gap_limit import max_gap_ns
 from zenoh_tf.gate import Gate
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.introspection.explanation import Explanation
 from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
-from zenoh_tf.points import Sweep, deskew
+from zenoh_tf.points import Sweep, SweepOptions, deskew
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
@@ -125,6 +126,8 @@ class TransformTree(TreeEstimates):
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray:
         """Look up many transforms in one call, without the GIL; each row is its own transaction.
 
@@ -136,18 +139,26 @@ class TransformTree(TreeEstimates):
             sources: Frames whose coordinates are given; one name stands for every row.
             stamps_ns: Times in nanoseconds; one int stands for every row, and None for the latest
                 common time of every row.
+            max_gap_s: Most seconds between two samples of a link to interpolate over; None for any.
+                Rows beyond it fail as `GapTooLong`.
 
         Returns:
             `X_target_source` of every row, in metres.
 
         Raises:
-            InvalidArgumentException: A name or a stamp is invalid, or the numbers of rows differ.
+            InvalidArgumentException: A name, a stamp or the limit is invalid, or the numbers of
+                rows differ.
         """
-        columns = self._lookup_columns(targets, sources, stamps_ns)
-        return TransformArray(*columns, targets, sources)
+        status, stamps, poses, gaps = self._lookup_columns(targets, sources, stamps_ns, max_gap_s)
+        return TransformArray(status, stamps, poses, targets, sources, gaps)
 
     def sample(
-        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
+        self,
+        target: str,
+        source: str,
+        stamps_ns: Sequence[int] | NDArray[np.integer[Any]],
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray:
         """Look up one pair of frames at many times; see `lookup_transforms`.
 
@@ -158,14 +169,16 @@ class TransformTree(TreeEstimates):
             target: Frame to express coordinates in.
             source: Frame whose coordinates are given.
             stamps_ns: (n,) times in nanoseconds.
+            max_gap_s: Most seconds between two samples of a link to interpolate over; None for any.
+                Rows beyond it fail as `GapTooLong`.
 
         Returns:
             `X_target_source` at every time, in metres; NaN in rows that failed.
 
         Raises:
-            InvalidArgumentException: A name or a stamp is invalid.
+            InvalidArgumentException: A name, a stamp or the limit is invalid.
         """
-        return self.lookup_transforms(target, source, stamps_ns)
+        return self.lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
 
     def lookup_velocity(
         self,
@@ -177,6 +190,7 @@ class TransformTree(TreeEstimates):
         reference_frame: str | None = None,
         reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
+        max_gap_s: float | None = None,
     ) -> Velocity:
         """Return how the tracking frame moves in the observation frame, read at one instant.
 
@@ -190,15 +204,19 @@ class TransformTree(TreeEstimates):
             reference_point: (3,) metres; the linear velocity is of the body's point there.
             reference_point_frame: Frame of the reference point; None means the tracking frame, so
                 that the default is the velocity of its origin.
+            max_gap_s: Most seconds between two samples of a link to interpolate over; None for any.
 
         Returns:
-            The mean twist over the window, in m/s and rad/s; see `Velocity`.
+            The mean twist over the window, in m/s and rad/s; see `Velocity`. Its `gap_ns` is not 0
+            if nothing was measured at a time of the window.
 
         Raises:
             LookupException: A frame does not exist, or a path is longer than `max_depth`.
             ConnectivityException: No path connects two of the frames.
             ExtrapolationException: A link has no data for a time of the window.
-            InvalidArgumentException: A name, the stamp, the interval or the point is invalid.
+            GapTooLong: The samples of a link around such a time are farther apart than `max_gap_s`.
+            InvalidArgumentException: A name, the stamp, the interval, the point or the limit is
+                invalid.
         """
         return Velocity.from_record(
             self._velocity_record(
@@ -209,6 +227,7 @@ class TransformTree(TreeEstimates):
                 reference_frame,
                 reference_point,
                 reference_point_frame,
+                max_gap_ns(max_gap_s),
             )
         )
 
@@ -221,12 +240,19 @@ class TransformTree(TreeEstimates):
         at_ns: int,
         *,
         out: NDArray[Any] | None = None,
+        begin_ns: int | None = None,
+        max_gap_s: float | None = None,
+        missing: Literal["nan", "raw"] = "nan",
+        ok: NDArray[np.bool_] | None = None,
+        strict: bool = False,
     ) -> NDArray[Any]:
         """Return a sweep's points as if all had been measured at one time.
 
         A lidar that moves measures each point from elsewhere. This moves every point along with
         the sensor: from `source` at the point's stamp, through the fixed frame, to `source` at
-        `at_ns`. All poses are of one state of the tree. docs/how-to/sensor-data.md has more.
+        `at_ns`. All poses are of one state of the tree. A point whose time has no pose becomes NaN:
+        its stamp is 0 or otherwise outside of a link's history, or in a gap, in which nothing was
+        measured. docs/how-to/sensor-data.md has more.
 
         Example: `cloud = tree.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))`
 
@@ -240,6 +266,15 @@ class TransformTree(TreeEstimates):
             at_ns: Time in nanoseconds to move all points to.
             out: Array of the points' shape to write to, float32 or float64. It may be `points`
                 itself, but must not overlap with it otherwise.
+            begin_ns: The time in nanoseconds that `stamps_ns` are offsets from; None: they are
+                absolute. Offsets may be negative, also as unsigned 32-bit numbers that wrapped. An
+                offset of 0 far from all others means a lost column, whose points have no time.
+            max_gap_s: Most seconds between two samples of a link to interpolate over. None: any
+                but a gap; see `StampedTransform.gap_ns`.
+            missing: What becomes of points without a pose: `"nan"`, or `"raw"` to leave them as
+                they were measured.
+            ok: Bool array, (n,) or (rows, columns), to write to: whether each point was moved.
+            strict: Raise the error of the first time without a pose instead.
 
         Returns:
             `out`, or a new array of the points' shape and type: metres, in `source` at `at_ns`.
@@ -247,11 +282,12 @@ class TransformTree(TreeEstimates):
         Raises:
             LookupException: A frame does not exist, or the path is longer than `max_depth`.
             ConnectivityException: No path connects the frames.
-            ExtrapolationException: A link has no data for one of the times: `at_ns`, the first
-                stamp or the last. The error has that time and the link's range as fields.
+            ExtrapolationException: A link has no data for `at_ns`, or for the time of any point;
+                with `strict`, for that of one. The error has the time and the link's range.
             InvalidArgumentException: An argument is invalid, or the arrays do not fit.
         """
-        sweep = Sweep(points, stamps_ns, at_ns, out)
+        options = SweepOptions(out, begin_ns, max_gap_s, missing, ok, strict)
+        sweep = Sweep(points, stamps_ns, at_ns, options)
         moved = deskew(self, sweep, source, fixed_frame)
         assert not isinstance(moved, _core.AskServer)
         return moved
@@ -263,6 +299,7 @@ class TransformTree(TreeEstimates):
         queue_size: int = 100,
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
+        max_gap_s: float | None = None,
     ) -> Gate:
         """Make a gate, which holds sensor data until its transform exists.
 
@@ -273,6 +310,8 @@ class TransformTree(TreeEstimates):
             timeout_s: How long an item may wait for its transform, in seconds, up to 3600.
             on_drop: Called with each item that is dropped, and the reason; see `Dropped`. On a
                 thread of the gate, or of the caller of `put` or `close`.
+            max_gap_s: Most seconds between two samples of a link to interpolate over; None for any.
+                It drops an item beyond it as `"gap"`.
 
         Returns:
             A `Gate`, to be used in a `with` block.
@@ -283,7 +322,7 @@ class TransformTree(TreeEstimates):
         Example:
             ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns); print(gate.get())``
         """
-        return Gate(self, target, queue_size, timeout_s, on_drop)
+        return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     def frame(self, name: str) -> FrameInfo:
         """Return what is known about a frame and the link to its parent.
@@ -337,7 +376,11 @@ class TransformTree(TreeEstimates):
                 found = explaining.starting(found, error)
             except LookupException:
                 pass
-        return found
+        parents, children = explaining.interpolated(found)
+        if not parents:
+            return found
+        answers = self.lookup_transforms(parents, children, found.at_ns)
+        return explaining.with_gaps(found, answers.gaps_ns.tolist())
 
     def authorities(self) -> list[AuthorityInfo]:
         """Return what each authority has done, in the order of their first commits."""

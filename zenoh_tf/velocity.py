@@ -38,6 +38,8 @@ class Velocity:
         tracking_frame: Frame whose motion this is.
         observation_frame: Frame that counts as standing still.
         reference_frame: Frame in whose axes the vectors are.
+        gap_ns: The longest gap that a pose was interpolated over, in nanoseconds, as of
+            `StampedTransform`; 0 if there is none. The velocity in a gap was not measured.
     """
 
     linear: NDArray[np.float64]
@@ -48,6 +50,7 @@ class Velocity:
     tracking_frame: str
     observation_frame: str
     reference_frame: str
+    gap_ns: int = 0
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Velocity:
@@ -56,7 +59,7 @@ class Velocity:
         Args:
             record: Values by field name, from the native tree or a server.
         """
-        values = {name: record[name] for name in cls.__slots__}
+        values = {"gap_ns": 0} | {name: record[name] for name in cls.__slots__ if name in record}
         for name in ("linear", "angular"):
             values[name] = np.array(values[name], np.float64).reshape(3)
             values[name].flags.writeable = False

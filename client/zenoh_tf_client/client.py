@@ -183,13 +183,14 @@ class TransformClient(Lookups, Writes, Introspection):
         queue_size: int = 100,
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
+        max_gap_s: float | None = None,
     ) -> Gate:
         """As `TransformTree.gate`.
 
         Example:
             ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
-        return Gate(self, target, queue_size, timeout_s, on_drop)
+        return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     @property
     def replica_age_s(self) -> float | None:

@@ -9,7 +9,7 @@ from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
-from .requests import info
+from .requests import info, lookups
 from .session.connection import Connection
 from .session.shared_reads import SharedReads
 
@@ -52,7 +52,14 @@ class Introspection:
                 pass
         if explaining.is_of_mirror(found):
             found = explaining.with_lost_mirrors(found, self.authorities())
-        return found
+        parents, children = explaining.interpolated(found)
+        if not parents:
+            return found
+        rows = (parents, children, found.at_ns)
+        answers = self._reads.mapped.tree.lookup_transforms(*rows)
+        if type(answers) is AskServer:
+            answers = self._reads.ask(answers, lookups.lookup_transforms(*rows))
+        return explaining.with_gaps(found, answers.gaps_ns.tolist())
 
     def authorities(self) -> list[AuthorityInfo]:
         """As `TransformTree.authorities`."""

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import LatestTransform, StampedTransform, TransformArray
-from zenoh_tf.points import Sweep, deskew
+from zenoh_tf.points import Sweep, SweepOptions, deskew
 from zenoh_tf.shared_tree import AskServer
 
 from .reads import Reads
@@ -21,7 +22,13 @@ class Lookups(Reads):
     """A base of `TransformClient`."""
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """Look up the pose of `source` in `target` at a time, interpolated.
 
@@ -32,25 +39,32 @@ class Lookups(Reads):
                 between the two frames.
             timeout_s: How long the server may wait for writes that make the lookup possible, in
                 seconds from 0 to 3600.
+            max_gap_s: The most seconds between two samples of a link to interpolate over; None for
+                any.
 
         Returns:
             ``X_target_source``: it maps coordinates in `source` to coordinates in `target`, in
-            metres. Its ``stamp_ns`` is the time that was used.
+            metres. Its ``stamp_ns`` is the time that was used; its ``gap_ns`` is not 0 if it was
+            interpolated over a gap.
 
         Raises:
             LookupException: A frame is unknown.
             ConnectivityException: No path connects the two frames.
             ExtrapolationException: A link has no data for the time.
-            InvalidArgumentException: A name, stamp or time-out is invalid.
+            GapTooLong: The samples of a link around the time are farther apart than `max_gap_s`.
+            InvalidArgumentException: A name, stamp, time-out or limit is invalid.
             ServiceException: As for every call; see the class.
 
         Example:
             ``X_map_base = tf.lookup_transform("map", "base").transform``
         """
-        found = self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        found = self._tree.lookup_transform(
+            target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s
+        )
         if found:
             return found
-        return self._reads.ask(found, lookups.lookup_transform(target, source, stamp_ns, timeout_s))
+        request = lookups.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
+        return self._reads.ask(found, request)
 
     def lookup_transform_full(
         self,
@@ -60,16 +74,15 @@ class Lookups(Reads):
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform_full`; the server waits, up to 3600 s."""
-        found = self._tree.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-        )
+        frames = (target, target_stamp_ns, source, source_stamp_ns, fixed_frame)
+        found = self._tree.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
         if found:
             return found
-        request = lookups.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-        )
+        request = lookups.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
         return self._reads.ask(found, request)
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
@@ -117,13 +130,15 @@ class Lookups(Reads):
             return found
         return self._reads.ask(found, lookups.lookup_latest_transforms_xact(pairs))
 
-    def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> TransformArray:
+    def sample(
+        self, target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
+    ) -> TransformArray:
         """As `TransformTree.sample`, in one request.
 
         Example:
             ``path = tf.sample("map", "camera", stamps_ns).translations``
         """
-        return self.lookup_transforms(target, source, stamps_ns)
+        return self.lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
 
     def deskew(
         self,
@@ -134,6 +149,11 @@ class Lookups(Reads):
         at_ns: int,
         *,
         out: NDArray[Any] | None = None,
+        begin_ns: int | None = None,
+        max_gap_s: float | None = None,
+        missing: Literal["nan", "raw"] = "nan",
+        ok: NDArray[np.bool_] | None = None,
+        strict: bool = False,
     ) -> NDArray[Any]:
         """As `TransformTree.deskew`.
 
@@ -146,7 +166,8 @@ class Lookups(Reads):
         Example:
             ``cloud = tf.deskew(points, stamps_ns, "lidar", "odom", int(stamps_ns.max()))``
         """
-        sweep = Sweep(points, stamps_ns, at_ns, out)
+        options = SweepOptions(out, begin_ns, max_gap_s, missing, ok, strict)
+        sweep = Sweep(points, stamps_ns, at_ns, options)
         found = deskew(self._tree, sweep, source, fixed_frame)
         if type(found) is not AskServer:
             return found

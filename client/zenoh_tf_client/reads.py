@@ -40,12 +40,16 @@ class Reads:
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray:
         """As `TransformTree.lookup_transforms`, in one request."""
-        found = self._tree.lookup_transforms(targets, sources, stamps_ns)
+        found = self._tree.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, lookups.lookup_transforms(targets, sources, stamps_ns))
+        return self._reads.ask(
+            found, lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
+        )
 
     def latest_common_time(self, a: str, b: str) -> int | None:
         """As `TransformTree.latest_common_time`."""
@@ -64,6 +68,7 @@ class Reads:
         reference_frame: str | None = None,
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
+        max_gap_s: float | None = None,
     ) -> Velocity:
         """As `TransformTree.lookup_velocity`."""
         found = self._tree.lookup_velocity(
@@ -74,6 +79,7 @@ class Reads:
             reference_frame=reference_frame,
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
+            max_gap_s=max_gap_s,
         )
         if type(found) is not AskServer:
             return found
@@ -87,6 +93,7 @@ class Reads:
                 reference_frame=reference_frame,
                 reference_point=reference_point,
                 reference_point_frame=reference_point_frame,
+                max_gap_s=max_gap_s,
             ),
         )
 

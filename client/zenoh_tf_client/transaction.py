@@ -83,10 +83,15 @@ class Transaction:
             self.commit()
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform`."""
-        return self._read(lookups.lookup_transform(target, source, stamp_ns))
+        return self._read(lookups.lookup_transform(target, source, stamp_ns, max_gap_s=max_gap_s))
 
     def lookup_transform_full(
         self,
@@ -95,13 +100,12 @@ class Transaction:
         source: str,
         source_stamp_ns: int | None,
         fixed_frame: str,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform_full`."""
-        return self._read(
-            lookups.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame
-            )
-        )
+        frames = (target, target_stamp_ns, source, source_stamp_ns, fixed_frame)
+        return self._read(lookups.lookup_transform_full(*frames, max_gap_s=max_gap_s))
 
     def can_transform(self, target: str, source: str, stamp_ns: int | None = None) -> bool:
         """As `TransformTree.can_transform`."""

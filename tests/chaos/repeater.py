@@ -90,7 +90,7 @@ class Repeater(Client):
         reply = wire.unpack(found.data)
         if reply["instance"] != server["instance"]:
             raise ServerRestarted("between two requests")
-        error, _, _, pose = next(wire.parse_lookup_reply(reply, 1).rows())
+        error, _, _, pose, _ = next(wire.parse_lookup_reply(reply, 1).rows())
         if error:
             raise error
         seen = links.decode(end, Transform(pose[:3], pose[3:]))

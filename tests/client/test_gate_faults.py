@@ -22,13 +22,13 @@ class FaultySource:
         self.tree.set_transforms_xact([at(100), at(200)])
         self.faults = faults
 
-    def lookup_transform(self, *args: Any) -> StampedTransform:
+    def lookup_transform(self, *args: Any, **options: Any) -> StampedTransform:
         self._fail()
-        return self.tree.lookup_transform(*args)
+        return self.tree.lookup_transform(*args, **options)
 
-    def lookup_transforms(self, *args: Any) -> Any:
+    def lookup_transforms(self, *args: Any, **options: Any) -> Any:
         self._fail()
-        return self.tree.lookup_transforms(*args)
+        return self.tree.lookup_transforms(*args, **options)
 
     def _fail(self) -> None:
         self.faults -= 1
@@ -37,11 +37,11 @@ class FaultySource:
 
 
 class AsyncFaultySource(FaultySource):
-    async def lookup_transform(self, *args: Any) -> StampedTransform:  # type: ignore[override]
-        return FaultySource.lookup_transform(self, *args)
+    async def lookup_transform(self, *args: Any, **options: Any) -> StampedTransform:  # type: ignore[override]
+        return FaultySource.lookup_transform(self, *args, **options)
 
-    async def lookup_transforms(self, *args: Any) -> Any:
-        return FaultySource.lookup_transforms(self, *args)
+    async def lookup_transforms(self, *args: Any, **options: Any) -> Any:
+        return FaultySource.lookup_transforms(self, *args, **options)
 
 
 def test_stamps_that_go_back_take_two_threads() -> None:

@@ -50,7 +50,7 @@ def test_rows_that_fail_and_rows_that_do_not_keep_their_places(tree: TransformTr
     packed = wire.pack_in_steps({"v": 1} | reply)
     assert wire.unpack(packed) == wire.unpack(wire.pack({"v": 1} | reply))
     found = wire.parse_lookup_reply(wire.unpack(packed), ROWS)
-    for row, (error, stamp_ns, _, pose) in enumerate(found.rows()):
+    for row, (error, stamp_ns, _, pose, _) in enumerate(found.rows()):
         if row % 3 == 0:
             assert (error, stamp_ns, pose[:3]) == (None, 5, (1, 2, 3))
         else:
@@ -60,9 +60,9 @@ def test_rows_that_fail_and_rows_that_do_not_keep_their_places(tree: TransformTr
 
 def test_errors_end_where_their_room_ends(tree: TransformTree) -> None:
     asked = lookup(["map", "missing", "gone"], np.zeros(ROWS), [1, 2] * (ROWS // 2))
-    status, _, _, _, all_errors, _ = read(tree, asked)
+    status, _, _, _, all_errors, *_ = read(tree, asked)
     assert [row for row, _ in all_errors] == list(range(ROWS))
-    status, _, _, _, errors, _ = read(tree, asked, Limits(error_bytes=10_000))
+    status, _, _, _, errors, *_ = read(tree, asked, Limits(error_bytes=10_000))
     assert (status != 0).all()  # also of rows whose error has no room
     assert 10 < len(errors) < 100
     assert [str(each) for each in errors] == [str(each) for each in all_errors[: len(errors)]]

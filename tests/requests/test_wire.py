@@ -94,8 +94,8 @@ def test_errors_of_a_newer_server_stay_understandable() -> None:
 def test_a_reply_names_its_rows() -> None:
     answer = wire.parse_lookup_reply(wire.unpack(wire.pack(REPLY)), 2)
     assert answer.pose.shape == (2, 7)
-    (none, stamp, newest, pose), (error, *_) = answer.rows()
-    assert (none, stamp, newest, pose) == (None, 7, 7, tuple(range(7)))
+    (*row, pose, gap), (error, *_) = answer.rows()
+    assert (*row, pose, gap) == (None, 7, 7, tuple(range(7)), 0)
     assert isinstance(error, LookupException)
     without = {**REPLY, "status": b"\0\x09", "errors": []}
     _, (error, *_) = wire.parse_lookup_reply(without, 2).rows()
@@ -113,14 +113,21 @@ def test_single_reads_and_answers_are_the_same_messages_as_many() -> None:
             assert wire.parse_one_read({**LOOKUP, **change}) is None, change
     lookup = wire.parse_lookup(plain)
     pose: wire.Pose = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    for op, newest in ((wire.OP_AT, None), (wire.OP_LATEST, 9)):
+    for op, newest, gap in ((wire.OP_AT, None, 0), (wire.OP_LATEST, 9, 0), (wire.OP_AT, None, 8)):
         lookup.op = np.array([op], np.uint8)
-        one = wire.one_answer(7, newest, pose)
+        one = wire.one_answer(7, newest, pose, gap)
         many = wire.lookup_reply(
-            lookup, np.zeros(1, np.uint8), np.array([7]), np.array([newest or 0]), np.array([pose])
+            lookup,
+            np.zeros(1, np.uint8),
+            np.array([7]),
+            np.array([newest or 0]),
+            np.array([pose]),
+            gap=np.array([gap]) if gap else None,
         )
         assert wire.unpack(wire.pack(one | {"v": 1})) == wire.unpack(wire.pack(many | {"v": 1}))
-        assert wire.parse_one_answer(one) == (7, newest or 7, pose)
+        found = wire.parse_one_answer(one)  # the general form has the gap
+        assert found == (None if gap else (7, newest or 7, pose))
+        assert next(wire.parse_lookup_reply(one, 1).rows()) == (None, 7, newest or 7, pose, gap)
     for field, value in (("status", b"\2"), ("stamp", b""), ("pose", b"1"), ("newest", None)):
         assert wire.parse_one_answer(one | {field: value}) is None
 

@@ -173,13 +173,13 @@ def test_errors_name_the_frame_and_the_stamp(tree: TransformTree) -> None:
     points, stamps = sweep(10)
     late, early = START + 5_000 * MS, START - 1
     with pytest.raises(ForwardExtrapolationException) as forward:
-        tree.deskew(points, np.where(stamps == AT, late, stamps), "lidar", "odom", AT)
+        tree.deskew(points, np.where(stamps == AT, late, stamps), *FRAMES, strict=True)
     with pytest.raises(ForwardExtrapolationException) as looked_up:
         tree.lookup_transform("odom", "lidar", late)
     assert str(forward.value) == str(looked_up.value)
     assert (forward.value.stamp_ns, forward.value.frame) == (late, looked_up.value.frame)
     with pytest.raises(BackwardExtrapolationException, match=str(early)):
-        tree.deskew(points, np.where(stamps == AT, early, stamps), "lidar", "odom", AT)
+        tree.deskew(points, np.where(stamps == AT, early, stamps), *FRAMES, strict=True)
     with pytest.raises(ForwardExtrapolationException, match=str(late)):
         tree.deskew(points, stamps, "lidar", "odom", late)
     with pytest.raises(LookupException, match="'lidr'"):
@@ -191,6 +191,9 @@ def test_errors_name_the_frame_and_the_stamp(tree: TransformTree) -> None:
     with pytest.raises(ConnectivityException, match="'sea'"):
         apart.deskew(points, stamps, "lidar", "sea", AT)
 
+
+#: Source, fixed frame and time.
+FRAMES = ("lidar", "odom", AT)
 
 BAD: list[tuple[str, dict[str, Any]]] = [
     ("points", {"points": np.zeros((4, 2))}),
@@ -213,6 +216,11 @@ BAD: list[tuple[str, dict[str, Any]]] = [
     ("out", {"out": np.zeros((4, 3), int)}),
     ("out", {"out": np.broadcast_to(0.0, (4, 3))}),
     ("out", {"out": [[0.0] * 3] * 4}),
+    ("ok", {"ok": np.zeros(3, bool)}),
+    ("ok", {"ok": np.zeros(4)}),
+    ("missing", {"missing": "zero"}),
+    ("begin_ns", {"begin_ns": 1.5}),
+    ("max_gap_s", {"max_gap_s": -0.1}),
 ]
 
 

@@ -36,6 +36,7 @@ class Reads(Generic[N]):
         reference_frame: str | None,  # None: the observation frame
         reference_point: ArrayLike,
         reference_point_frame: str | None,  # None: the tracking frame
+        max_gap_ns: int = -1,
     ) -> dict[str, Any] | N: ...  # Velocity's fields
     def _read_rows(
         self,
@@ -51,13 +52,17 @@ class Reads(Generic[N]):
         versions: bool = False,  # also return what was read, for a transaction
         errors: bool = True,  # False: failed rows have only their status
         budget: Budget | None = None,  # charged before the rows are looked up
+        max_gap_ns: int = -1,  # of all rows; see zenoh_tf.gap_limit
     ) -> Rows | N: ...
     def _lookup_columns(
         self,
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64]] | N: ...
+        max_gap_s: float | None = None,
+    ) -> (  # status, stamps, poses, gaps
+        tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]] | N
+    ): ...
     def _deskew(  # see zenoh_tf.points
         self,
         points: NDArray[Any],  # float32 or float64, (rows, columns, 3), any strides
@@ -66,6 +71,7 @@ class Reads(Generic[N]):
         source: str,
         fixed_frame: str,
         at_ns: int,
+        max_gap_ns: int = -1,
     ) -> bool | N: ...  # False: nothing was written, as each time has to be looked up by itself
     def _startup_ns(self) -> tuple[int, int] | N | None: ...  # see Tree._begin_startup; None: over
     def _frame_record(self, name: str) -> dict[str, Any] | N: ...  # FrameInfo's fields

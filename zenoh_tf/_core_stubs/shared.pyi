@@ -38,7 +38,13 @@ class SharedTree(Reads[AskServer]):
 
     # As Tree's, or AskServer.
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform | AskServer: ...
     def lookup_transform_full(
         self,
@@ -48,6 +54,8 @@ class SharedTree(Reads[AskServer]):
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform | AskServer: ...
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0

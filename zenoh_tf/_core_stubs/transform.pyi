@@ -19,6 +19,7 @@ Rows = tuple[
     NDArray[np.float64],  # (n, 7) pose rows, NaN where status != 0
     list[tuple[int, Any]],  # (row, TransformException), as far as the budget has room
     tuple[list[str], NDArray[np.uint64]] | None,  # read set: frame names, versions
+    NDArray[np.int64] | None,  # gap_ns; None if all are 0
 ]
 
 class Transform:
@@ -199,13 +200,20 @@ class StampedTransform:
         child_frame: Name of the child.
         stamp_ns: The time, integer nanoseconds.
         transform: `X_parent_child`, in metres.
+        gap_ns: The gap of a lookup's answer; see the attribute.
 
     Raises:
         InvalidArgumentException: A name is not text, or the stamp does not fit.
     """
 
     def __init__(
-        self, parent_frame: str, child_frame: str, stamp_ns: int, transform: Transform
+        self,
+        parent_frame: str,
+        child_frame: str,
+        stamp_ns: int,
+        transform: Transform,
+        *,
+        gap_ns: int = 0,
     ) -> None: ...
     @property
     def parent_frame(self) -> str:
@@ -219,6 +227,14 @@ class StampedTransform:
     @property
     def transform(self) -> Transform:
         """The pose of child in parent, `X_parent_child`, in metres."""
+    @property
+    def gap_ns(self) -> int:
+        """The longest gap that a lookup interpolated over, in nanoseconds; 0 if there is none.
+
+        A gap is an interval between two samples of a link that is longer than 5 times the mean of
+        the other intervals in its history, or than a second as long as there is no other. The pose
+        inside a gap is a guess. Transforms are compared without it.
+        """
     def _repr_html_(self) -> str: ...
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...

@@ -40,4 +40,5 @@ def park_lookups(
     fixed: NDArray[np.uint32] | None = None,
     source_stamp_ns: NDArray[np.int64] | None = None,
     max_links: int = ...,  # frames that all waiting lookups may watch; beyond it, a row fails
+    max_gap_ns: int = -1,  # of all rows; -1: no limit
 ) -> ParkedLookups: ...

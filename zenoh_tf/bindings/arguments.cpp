@@ -64,6 +64,18 @@ double timeout_of(nb::handle timeout_s) {
   return seconds;
 }
 
+Stamp max_gap_of(nb::handle max_gap_s) {
+  if (max_gap_s.is_none()) return kNoGapLimit;
+  const double seconds = PyFloat_AsDouble(max_gap_s.ptr());
+  if (PyErr_Occurred() || !(seconds >= 0)) {
+    PyErr_Clear();
+    raise_invalid("max_gap_s must be 0 or more seconds, or None for no limit, not " +
+                      nb::cast<std::string>(nb::repr(max_gap_s)),
+                  "max_gap_s");
+  }
+  return static_cast<Stamp>(std::min(seconds * 1e9, 9e18));
+}
+
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field) {
   const nb::object items = nb::steal(PySequence_Tuple(values.ptr()));
   bool good = items.is_valid() && PyTuple_Size(items.ptr()) == n;

@@ -38,6 +38,7 @@ struct StampedTransform {
   nb::object parent_frame, child_frame;  // str
   Stamp stamp;
   Pose pose;
+  Stamp gap = 0;  // ns
 };
 struct LatestTransform : StampedTransform {
   Stamp newest;
@@ -164,6 +165,8 @@ Query query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source)
 Stamp stamp_of(nb::handle stamp, const char* field);
 // A number of seconds, as yet of any sign.
 double timeout_of(nb::handle timeout_s);
+// A limit of gaps in ns, from one in seconds; kNoGapLimit for None.
+Stamp max_gap_of(nb::handle max_gap_s);
 // Exactly n numbers of a sequence.
 void numbers_of(nb::handle values, double* out, Py_ssize_t n, const char* field);
 Pose pose_of(nb::handle translation, nb::handle rotation);

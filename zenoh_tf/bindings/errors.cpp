@@ -14,6 +14,12 @@ constexpr double kRetryAfterS = 0.1;
 
 std::string ns(Stamp stamp) { return std::to_string(stamp) + " ns"; }
 
+std::string seconds(Stamp duration) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.9g s", static_cast<double>(duration) * 1e-9);
+  return text;
+}
+
 // A frame of a failure, which may have lost its name.
 std::string frame_text(const std::string& name) {
   return name.empty() ? "a removed frame" : quoted(name);
@@ -21,6 +27,11 @@ std::string frame_text(const std::string& name) {
 
 // What is wrong with the link that has no data at the stamp asked for.
 std::string extrapolation_message(const Failure& f, const std::string& link) {
+  if (f.code == Code::gap)
+    return "gap: " + link + " has no sample for " + seconds(f.newest - f.oldest) + ", from " +
+           ns(f.oldest) + " to " + ns(f.newest) +
+           (f.max_gap >= 0 ? ", and the limit is " + seconds(f.max_gap) + " (max_gap_s)"
+                           : ", which is much longer than usual (max_gap_s allows it)");
   if (f.code == Code::no_data)
     return "extrapolation: " + link + " has a single sample, at " + ns(f.newest);
   const std::string range = link + " has samples from " + ns(f.oldest) + " to " + ns(f.newest);
@@ -141,6 +152,10 @@ nb::object make_error(const LookupError& e) {
     if (!parent.empty()) facts["parent_frame"] = parent;
     facts["oldest_stamp_ns"] = e.ended ? e.ended->oldest : f.oldest;
     facts["newest_stamp_ns"] = e.ended ? e.ended->newest : f.newest;
+    if (f.code == Code::gap) {
+      facts["gap_ns"] = f.newest - f.oldest;
+      if (f.max_gap >= 0) facts["limit"] = static_cast<double>(f.max_gap) * 1e-9;
+    }
   }
   return make_error(f.code, message, facts);
 }

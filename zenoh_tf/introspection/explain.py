@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from operator import index
 from typing import Final, Protocol, TypeVar
@@ -22,6 +22,7 @@ from zenoh_tf.text.times import CLOCK_RANGE_S, age, reference_ns, seconds
 
 __all__ = [
     "explain",
+    "interpolated",
     "is_connected",
     "is_of_mirror",
     "is_stopped",
@@ -29,6 +30,7 @@ __all__ = [
     "starting",
     "stopped_after_s",
     "unknown_frames",
+    "with_gaps",
     "with_lost_mirrors",
 ]
 
@@ -150,6 +152,21 @@ def with_lost_mirrors(found: Explanation, authorities: Iterable[AuthorityInfo]) 
 def is_of_mirror(found: Explanation) -> bool:
     """Whether the server may have a link from a robot that it mirrors."""
     return any(":" in link.authority for link in found.links)
+
+
+def interpolated(found: Explanation) -> tuple[list[str], list[str]]:
+    """Return the parents and the children of the links that may be in a gap; see `with_gaps`."""
+    links = [link for link in found.links if found.possible and not link.static]
+    return [link.parent for link in links], [link.child for link in links]
+
+
+def with_gaps(found: Explanation, gaps_ns: Sequence[int]) -> Explanation:
+    """Return an explanation with the gap of each of its `interpolated` links at its time."""
+    gaps = dict(zip(interpolated(found)[1], gaps_ns, strict=True))
+    links = tuple(replace(link, gap_ns=gaps.get(link.child, 0)) for link in found.links)
+    over = [link for link in links if link.gap_ns]
+    reasons = [*found.reasons, *(sentences.gap(link) for link in over)]
+    return replace(found, links=links, reasons=tuple(reasons))
 
 
 def _explain_chain(

@@ -37,6 +37,7 @@ class LinkReport:
         problem: Why it has no data for the time of the lookup: ``too_new`` (the time is after its
             newest sample), ``too_old`` (before its oldest) or ``single_sample``; ``None``: it has.
         off_by_ns: By how many nanoseconds the time lies outside of its data.
+        gap_ns: The gap that the link is interpolated over, nanoseconds; 0: none.
     """
 
     child: str
@@ -51,6 +52,7 @@ class LinkReport:
     stopped: bool = False
     problem: Literal["too_new", "too_old", "single_sample"] | None = None
     off_by_ns: int | None = None
+    gap_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +126,8 @@ class Explanation:
             line += "".join(f"  {n:>{w}}" for n, w in zip(numbers, widths[1:-2], strict=True))
             line = f"{line}  {authority:<{widths[-2]}}  {note}".rstrip()
             link = self.links[number - 1] if number else None
-            part = "header" if link is None else "late" if link.problem or link.stopped else ""
+            is_late = link is not None and (link.problem or link.stopped or link.gap_ns)
+            part = "header" if link is None else "late" if is_late else ""
             lines.append(paint(part, line))
         return lines
 
@@ -139,6 +142,8 @@ class Explanation:
             notes.append("ends first")
         if link.stopped:
             notes.append("stopped")
+        if link.gap_ns:
+            notes.append(f"in a gap of {age(link.gap_ns)}")
         return (
             name,
             "-" if link.rate_hz is None else f"{link.rate_hz:.1f}",

@@ -59,6 +59,14 @@ def outside(link: LinkReport, found: Explanation) -> str:
     return f"{when} is {off_by} before the oldest sample of {name(link)}."
 
 
+def gap(link: LinkReport) -> str:
+    """Return that a link is interpolated over a gap."""
+    return (
+        f"{name(link)} has no samples for {age(link.gap_ns)} around that time: its pose is "
+        "interpolated, not measured."
+    )
+
+
 def too_late(link: LinkReport) -> str:
     """Return what to do about a time that a link has no longer, or has never had."""
     reach = (link.newest_stamp_ns or 0) - (link.oldest_stamp_ns or 0)

@@ -67,6 +67,8 @@ from .fields import (
 )
 from .interest import Interest, parse_interest
 from .lookup import (
+    NO_GAP_LIMIT,
+    NO_GAPS,
     NO_STAMP,
     OP_AT,
     OP_COMMON,

@@ -48,15 +48,19 @@ OPS: Final = 6
 #: In columns of stamps: no time is given.
 NO_STAMP: Final = -(1 << 63)
 
+#: A lookup's `max_gap_ns` that allows any interpolation, and one that allows none over a gap.
+NO_GAP_LIMIT: Final = -1
+NO_GAPS: Final = -2
+
 _FIRST: Final = struct.pack("<I", 0)
 _SECOND: Final = struct.pack("<I", 1)
 _STAMP: Final = struct.Struct("<q")
 _POSE: Final = struct.Struct("<7d")
 
 Pose = tuple[float, float, float, float, float, float, float]
-#: (error, stamp, newest stamp, pose). The error is None if the row has an answer. The newest
+#: (error, stamp, newest stamp, pose, gap). The error is None if the row has an answer. The newest
 #: stamp equals the stamp for rows without one.
-AnswerRow = tuple[TransformException | None, int, int, Pose]
+AnswerRow = tuple[TransformException | None, int, int, Pose, int]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
 _OP_OF: Final = {byte: op for op, byte in enumerate(_BYTE)}
 
@@ -76,6 +80,7 @@ class Lookup:
     versions: bool = False
     errors: bool = True
     timeout_ns: int = 0
+    max_gap_ns: int = NO_GAP_LIMIT
 
     @property
     def rows(self) -> int:
@@ -121,6 +126,8 @@ def lookup_body(lookup: Lookup) -> Message:
         body["errors"] = False
     if lookup.timeout_ns:
         body["timeout_ns"] = lookup.timeout_ns
+    if lookup.max_gap_ns != NO_GAP_LIMIT:
+        body["max_gap_ns"] = lookup.max_gap_ns
     return body
 
 
@@ -149,6 +156,7 @@ def parse_lookup(body: Message) -> Lookup:
     lookup.versions = flag(body, "versions")
     lookup.errors = flag(body, "errors", True)
     lookup.timeout_ns = integer(body, "timeout_ns", 0, low=0)
+    lookup.max_gap_ns = integer(body, "max_gap_ns", NO_GAP_LIMIT, low=NO_GAPS)
     return lookup
 
 
@@ -172,7 +180,7 @@ def parse_one_read(body: Message) -> tuple[str, str, int, int] | None:
     return None
 
 
-def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose) -> Message:
+def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose, gap_ns: int = 0) -> Message:
     """The reply to a single read that has an answer, the same as `lookup_reply` makes."""
     reply: Message = {
         "status": b"\0",
@@ -182,14 +190,16 @@ def one_answer(stamp_ns: int, newest_ns: int | None, pose: Pose) -> Message:
     }
     if newest_ns is not None:
         reply["newest"] = _STAMP.pack(newest_ns)
+    if gap_ns:
+        reply["gap"] = _STAMP.pack(gap_ns)
     return reply
 
 
 def parse_one_answer(reply: Message) -> tuple[int, int, Pose] | None:
-    """(stamp, newest, pose) of a well-formed reply to a single read that has an answer. For any
-    other reply None: `parse_lookup_reply` then parses it or says what is malformed."""
+    """(stamp, newest, pose) of a well-formed reply to a single read that has an answer without a
+    gap. For any other reply None: `parse_lookup_reply` then parses it or says what is malformed."""
     try:
-        if reply["status"] == b"\0":
+        if reply["status"] == b"\0" and "gap" not in reply:
             stamp = newest = reply["stamp"]
             if "newest" in reply:
                 newest = reply["newest"]
@@ -208,17 +218,20 @@ class LookupReply:
     newest: NDArray[np.int64] | None  # (n,) ns, of the same two only
     pose: NDArray[np.float64]  # (n, 7) x y z qx qy qz qw of source in target
     errors: dict[int, TransformException] = field(default_factory=dict)
+    gap: NDArray[np.int64] | None = None  # (n,) ns; None: all are 0
 
     def rows(self) -> Iterator[AnswerRow]:
         """The rows as plain Python values."""
         stamps = self.stamp.tolist()
         newests = stamps if self.newest is None else self.newest.tolist()
-        columns = zip(self.status.tolist(), stamps, newests, self.pose.tolist(), strict=True)
-        for row, (code, stamp, newest, pose) in enumerate(columns):
-            yield self._error(row, code) if code else None, stamp, newest, tuple(pose)
+        gaps = [0] * len(stamps) if self.gap is None else self.gap.tolist()
+        columns = zip(self.status.tolist(), stamps, newests, self.pose.tolist(), gaps, strict=True)
+        for row, (code, stamp, newest, pose, gap) in enumerate(columns):
+            yield self.error(row) if code else None, stamp, newest, tuple(pose), gap
 
-    def _error(self, row: int, code: int) -> TransformException:
-        kind = BY_CODE.get(code, TransformException)
+    def error(self, row: int) -> TransformException:
+        """The error of a row that failed."""
+        kind = BY_CODE.get(int(self.status[row]), TransformException)
         return self.errors.get(row) or kind("the server sent no details of this error")
 
 
@@ -230,6 +243,7 @@ def lookup_reply(
     pose: NDArray[np.float64],
     errors: Sequence[tuple[int, TransformException]] = (),
     reads: tuple[list[str], NDArray[np.uint64]] | None = None,
+    gap: NDArray[np.int64] | None = None,
 ) -> Message:
     """The reply to `lookup`, without the envelope's "v" and "instance"."""
     reply: Message = {
@@ -245,6 +259,8 @@ def lookup_reply(
         latest = bool(((op == OP_LATEST) | (op == OP_LATEST_XACT)).any())
     if latest:
         reply["newest"] = raw(newest, I64)
+    if gap is not None:
+        reply["gap"] = raw(gap, I64)
     if reads is not None:
         reply["read_names"] = reads[0]
         reply["read_versions"] = raw(reads[1], U64)
@@ -270,6 +286,7 @@ def parse_lookup_reply(reply: Message, rows: int) -> LookupReply:
         column(reply, "stamp", I64, rows),
         column(reply, "newest", I64, rows) if "newest" in reply else None,
         column(reply, "pose", F64, rows, 7).reshape(rows, 7),
+        gap=column(reply, "gap", I64, rows) if "gap" in reply else None,
     )
     for entry in items(reply, "errors"):
         row, error = _row_error(entry, rows)

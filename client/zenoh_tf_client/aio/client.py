@@ -191,13 +191,14 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         queue_size: int = 100,
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
+        max_gap_s: float | None = None,
     ) -> AsyncGate:
         """As `TransformTree.gate`; `on_drop` is called on the event loop. Not a coroutine.
 
         Example:
             ``async with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
-        return AsyncGate(self, target, queue_size, timeout_s, on_drop)
+        return AsyncGate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     @property
     def replica_age_s(self) -> float | None:

@@ -106,16 +106,24 @@ class AsyncMirror(BaseMirror):
     # --- lookups that may wait
 
     async def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform`."""
         if True:  # asynchronous
             if timeout_s > 0:
                 return await self._waited(
-                    lambda wait_s: self._tree.lookup_transform(target, source, stamp_ns, wait_s),
+                    lambda wait_s: self._tree.lookup_transform(
+                        target, source, stamp_ns, wait_s, max_gap_s=max_gap_s
+                    ),
                     timeout_s,
                 )
-        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
 
     async def lookup_transform_full(
         self,
@@ -125,19 +133,20 @@ class AsyncMirror(BaseMirror):
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform_full`."""
+        frames = (target, target_stamp_ns, source, source_stamp_ns, fixed_frame)
         if True:  # asynchronous
             if timeout_s > 0:
                 return await self._waited(
                     lambda wait_s: self._tree.lookup_transform_full(
-                        target, target_stamp_ns, source, source_stamp_ns, fixed_frame, wait_s
+                        *frames, wait_s, max_gap_s=max_gap_s
                     ),
                     timeout_s,
                 )
-        return self._tree.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-        )
+        return self._tree.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
 
     async def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -214,6 +223,7 @@ class AsyncMirror(BaseMirror):
         queue_size: int = 100,
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
+        max_gap_s: float | None = None,
     ) -> AsyncGate:
         """As `TransformTree.gate`: make a gate, which looks up in the mirror.
 
@@ -221,8 +231,8 @@ class AsyncMirror(BaseMirror):
             ``async with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
         if True:  # asynchronous
-            return AsyncGate(_GateSource(self), target, queue_size, timeout_s, on_drop)
-        return AsyncGate(self, target, queue_size, timeout_s, on_drop)
+            return AsyncGate(_GateSource(self), target, queue_size, timeout_s, on_drop, max_gap_s)
+        return AsyncGate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     async def run_transaction(
         self, function: Callable[[AsyncTransaction], Awaitable[T]], attempts: int = 10
@@ -259,6 +269,11 @@ if True:  # asynchronous
             self._mirror = mirror
 
         async def lookup_transforms(
-            self, targets: str, sources: str, stamps_ns: list[int]
+            self,
+            targets: str,
+            sources: str,
+            stamps_ns: list[int],
+            *,
+            max_gap_s: float | None = None,
         ) -> TransformArray:
-            return self._mirror.lookup_transforms(targets, sources, stamps_ns)
+            return self._mirror.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)

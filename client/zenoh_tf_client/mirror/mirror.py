@@ -86,10 +86,16 @@ class Mirror(BaseMirror):
     # --- lookups that may wait
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform`."""
-        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s)
+        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
 
     def lookup_transform_full(
         self,
@@ -99,11 +105,12 @@ class Mirror(BaseMirror):
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform_full`."""
-        return self._tree.lookup_transform_full(
-            target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
-        )
+        frames = (target, target_stamp_ns, source, source_stamp_ns, fixed_frame)
+        return self._tree.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
 
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -160,13 +167,14 @@ class Mirror(BaseMirror):
         queue_size: int = 100,
         timeout_s: float = 1.0,
         on_drop: Callable[[Dropped[Any]], object] | None = None,
+        max_gap_s: float | None = None,
     ) -> Gate:
         """As `TransformTree.gate`: make a gate, which looks up in the mirror.
 
         Example:
             ``with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
-        return Gate(self, target, queue_size, timeout_s, on_drop)
+        return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """As `TransformClient.run_transaction`, with reads in the mirror: one round trip.

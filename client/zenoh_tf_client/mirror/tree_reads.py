@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,15 +47,22 @@ class TreeReads(ABC):
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: int | Sequence[int] | NDArray[np.integer[Any]] | None,
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray:
         """As `TransformTree.lookup_transforms`."""
-        return self._tree.lookup_transforms(targets, sources, stamps_ns)
+        return self._tree.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
 
     def sample(
-        self, target: str, source: str, stamps_ns: Sequence[int] | NDArray[np.integer[Any]]
+        self,
+        target: str,
+        source: str,
+        stamps_ns: Sequence[int] | NDArray[np.integer[Any]],
+        *,
+        max_gap_s: float | None = None,
     ) -> TransformArray:
         """As `TransformTree.sample`."""
-        return self._tree.sample(target, source, stamps_ns)
+        return self._tree.sample(target, source, stamps_ns, max_gap_s=max_gap_s)
 
     def deskew(
         self,
@@ -66,9 +73,26 @@ class TreeReads(ABC):
         at_ns: int,
         *,
         out: NDArray[Any] | None = None,
+        begin_ns: int | None = None,
+        max_gap_s: float | None = None,
+        missing: Literal["nan", "raw"] = "nan",
+        ok: NDArray[np.bool_] | None = None,
+        strict: bool = False,
     ) -> NDArray[Any]:
         """As `TransformTree.deskew`."""
-        return self._tree.deskew(points, stamps_ns, source, fixed_frame, at_ns, out=out)
+        return self._tree.deskew(
+            points,
+            stamps_ns,
+            source,
+            fixed_frame,
+            at_ns,
+            out=out,
+            begin_ns=begin_ns,
+            max_gap_s=max_gap_s,
+            missing=missing,
+            ok=ok,
+            strict=strict,
+        )
 
     def lookup_velocity(
         self,
@@ -80,6 +104,7 @@ class TreeReads(ABC):
         reference_frame: str | None = None,
         reference_point: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
+        max_gap_s: float | None = None,
     ) -> Velocity:
         """As `TransformTree.lookup_velocity`."""
         return self._tree.lookup_velocity(
@@ -90,6 +115,7 @@ class TreeReads(ABC):
             reference_frame=reference_frame,
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
+            max_gap_s=max_gap_s,
         )
 
     def frame(self, name: str) -> FrameInfo:

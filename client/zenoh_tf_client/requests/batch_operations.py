@@ -39,15 +39,25 @@ class BatchOperations(ABC):
     def _record(self, request: Request[T]) -> Handle[T]:
         """Add a request to what the batch sends."""
 
-    def sample(self, target: str, source: str, stamps_ns: ArrayLike) -> Handle[TransformArray]:
+    def sample(
+        self, target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
+    ) -> Handle[TransformArray]:
         """As `TransformTree.sample`."""
-        return self.lookup_transforms(target, source, stamps_ns)
+        return self.lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
 
     def lookup_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> Handle[StampedTransform]:
         """As `TransformClient.lookup_transform`."""
-        return self._record(lookups.lookup_transform(target, source, stamp_ns, timeout_s))
+        return self._record(
+            lookups.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
+        )
 
     def lookup_transform_full(
         self,
@@ -57,11 +67,19 @@ class BatchOperations(ABC):
         source_stamp_ns: int | None,
         fixed_frame: str,
         timeout_s: float = 0.0,
+        *,
+        max_gap_s: float | None = None,
     ) -> Handle[StampedTransform]:
         """As `TransformClient.lookup_transform_full`."""
         return self._record(
             lookups.lookup_transform_full(
-                target, target_stamp_ns, source, source_stamp_ns, fixed_frame, timeout_s
+                target,
+                target_stamp_ns,
+                source,
+                source_stamp_ns,
+                fixed_frame,
+                timeout_s,
+                max_gap_s=max_gap_s,
             )
         )
 
@@ -90,9 +108,13 @@ class BatchOperations(ABC):
         targets: str | Sequence[str],
         sources: str | Sequence[str],
         stamps_ns: ArrayLike | None,
+        *,
+        max_gap_s: float | None = None,
     ) -> Handle[TransformArray]:
         """As `TransformClient.lookup_transforms`."""
-        return self._record(lookups.lookup_transforms(targets, sources, stamps_ns))
+        return self._record(
+            lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
+        )
 
     def latest_common_time(self, a: str, b: str) -> Handle[int | None]:
         """As `TransformClient.latest_common_time`."""
@@ -108,6 +130,7 @@ class BatchOperations(ABC):
         reference_frame: str | None = None,
         reference_point: ArrayLike = (0.0, 0.0, 0.0),
         reference_point_frame: str | None = None,
+        max_gap_s: float | None = None,
     ) -> Handle[Velocity]:
         """As `TransformClient.lookup_velocity`."""
         return self._record(
@@ -119,6 +142,7 @@ class BatchOperations(ABC):
                 reference_frame=reference_frame,
                 reference_point=reference_point,
                 reference_point_frame=reference_point_frame,
+                max_gap_s=max_gap_s,
             )
         )
 

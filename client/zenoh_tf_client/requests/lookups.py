@@ -16,11 +16,12 @@ from zenoh_tf.errors import (
     LookupException,
     ProtocolError,
 )
+from zenoh_tf.gap_limit import max_gap_ns
 from zenoh_tf.points import Sweep
 from zenoh_tf.velocity import interval_ns
 
 from . import columns
-from .request import Call, Read, Request, Rows, VersionedRead, timeout_ns
+from .request import Call, Lookup, Read, Request, Rows, VersionedRead, timeout_ns
 
 T = TypeVar("T")
 
@@ -29,9 +30,20 @@ MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, Extrapolatio
 
 
 def lookup_transform(
-    target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-) -> Read[StampedTransform]:
-    return Read(columns.at(target, source, stamp_ns), _stamped, timeout_s)
+    target: str,
+    source: str,
+    stamp_ns: int | None = None,
+    timeout_s: float = 0.0,
+    *,
+    max_gap_s: float | None = None,
+) -> Lookup[StampedTransform]:
+    read = Read(columns.at(target, source, stamp_ns), _stamped, timeout_s)
+    if max_gap_s is None:
+        return read
+    lookup = read.lookup()
+    lookup.max_gap_ns = max_gap_ns(max_gap_s)
+    lookup.timeout_ns = timeout_ns(timeout_s)
+    return Rows(lookup, read.answer, timeout_s)
 
 
 def can_transform(
@@ -60,6 +72,8 @@ def lookup_transform_full(
     source_stamp_ns: int | None,
     fixed_frame: str,
     timeout_s: float = 0.0,
+    *,
+    max_gap_s: float | None = None,
 ) -> Rows[StampedTransform]:
     lookup = columns.lookup(target, source, None, wire.OP_FULL, 1)
     lookup.stamp = np.array([columns.stamp(target_stamp_ns, "target_stamp_ns")])
@@ -67,6 +81,7 @@ def lookup_transform_full(
     lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
     lookup.source_stamp = np.array([columns.stamp(source_stamp_ns, "source_stamp_ns")])
     lookup.timeout_ns = timeout_ns(timeout_s)
+    lookup.max_gap_ns = max_gap_ns(max_gap_s)
     read = lookup_transform(target, source)  # Its reply has the same form.
     return Rows(lookup, read.answer, timeout_s)
 
@@ -85,19 +100,26 @@ def lookup_latest_transforms_xact(
 
 
 def lookup_transforms(
-    targets: str | Sequence[str], sources: str | Sequence[str], stamps_ns: ArrayLike | None
+    targets: str | Sequence[str],
+    sources: str | Sequence[str],
+    stamps_ns: ArrayLike | None,
+    *,
+    max_gap_s: float | None = None,
 ) -> Rows[TransformArray]:
     rows = columns.rows(targets, sources, stamps_ns)
     op = wire.OP_COMMON if stamps_ns is None else wire.OP_AT
     lookup = columns.lookup(targets, sources, stamps_ns, op, rows)
     lookup.errors = False
-    return Rows(
-        lookup,
-        lambda reply: TransformArray(reply.status, reply.stamp, reply.pose, targets, sources),
-    )
+    lookup.max_gap_ns = max_gap_ns(max_gap_s)
+
+    def convert(reply: wire.LookupReply) -> TransformArray:
+        gaps = np.zeros(rows, np.int64) if reply.gap is None else reply.gap
+        return TransformArray(reply.status, reply.stamp, reply.pose, targets, sources, gaps)
+
+    return Rows(lookup, convert)
 
 
-def with_versions(request: Read[T] | Rows[T]) -> Request[VersionedRead[T]]:
+def with_versions(request: Lookup[T]) -> Request[VersionedRead[T]]:
     """The same lookup as a part of a transaction."""
 
     def parse(reply: wire.Message) -> VersionedRead[T]:
@@ -112,13 +134,11 @@ def deskew(sweep: Sweep, source: str, fixed_frame: str) -> Rows[NDArray[Any]]:
     times = sweep.times()
     lookup = columns.lookup(fixed_frame, source, times, wire.OP_AT, len(times))
     lookup.atomic = True
+    lookup.max_gap_ns = sweep.max_gap_ns
 
     def convert(reply: wire.LookupReply) -> NDArray[Any]:
-        if reply.status.any():
-            error, *_ = next(row for row in reply.rows() if row[0])
-            assert error is not None
-            raise error
-        return sweep.compensate(times, np.ascontiguousarray(reply.pose))
+        poses = np.ascontiguousarray(reply.pose)
+        return sweep.compensate(times, reply.status, poses, reply.error)
 
     return Rows(lookup, convert)
 
@@ -132,6 +152,7 @@ def lookup_velocity(
     reference_frame: str | None = None,
     reference_point: ArrayLike = (0.0, 0.0, 0.0),
     reference_point_frame: str | None = None,
+    max_gap_s: float | None = None,
 ) -> Request[Velocity]:
     try:
         (x, y, z) = np.asarray(reference_point, np.float64).tolist()
@@ -147,6 +168,7 @@ def lookup_velocity(
         reference_frame=reference_frame,
         reference_point=wire.raw(np.array([x, y, z]), wire.F64),
         reference_point_frame=reference_point_frame,
+        max_gap_ns=None if max_gap_s is None else max_gap_ns(max_gap_s),
     )
 
     def parse(reply: wire.Message) -> Velocity:
@@ -161,11 +183,17 @@ def lookup_velocity(
     return Call("info", body, parse)
 
 
-def _stamped(row: columns.Row, stamp_ns: int, _: int, pose: Transform) -> StampedTransform:
-    return StampedTransform(row[0], row[1], stamp_ns, pose)
+def _stamped(
+    row: columns.Row, stamp_ns: int, _: int, pose: Transform, gap_ns: int = 0
+) -> StampedTransform:
+    if not gap_ns:
+        return StampedTransform(row[0], row[1], stamp_ns, pose)
+    return StampedTransform(row[0], row[1], stamp_ns, pose, gap_ns=gap_ns)
 
 
-def _latest(row: columns.Row, stamp_ns: int, newest_ns: int, pose: Transform) -> LatestTransform:
+def _latest(
+    row: columns.Row, stamp_ns: int, newest_ns: int, pose: Transform, _: int = 0
+) -> LatestTransform:
     return LatestTransform(row[0], row[1], stamp_ns, pose, newest_ns)
 
 

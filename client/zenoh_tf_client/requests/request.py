@@ -88,8 +88,9 @@ def _raise(error: TransformException) -> Any:
     raise error
 
 
-#: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result
-Convert = Callable[[columns.Row, int, int, Transform], T]
+#: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result, and
+#: the gap behind the pose, if there is one.
+Convert = Callable[..., T]
 
 
 @dataclass(slots=True)
@@ -140,10 +141,10 @@ class Read(Request[T]):
 
     def result(self, answer: wire.AnswerRow) -> T:
         """Return the result in one row of a reply, or raise its error."""
-        error, stamp_ns, newest_ns, pose = answer
+        error, stamp_ns, newest_ns, pose, gap_ns = answer
         if error:
             return self.failed(error)
-        return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose))
+        return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose), gap_ns)
 
 
 @dataclass(slots=True)
@@ -169,6 +170,9 @@ class Rows(Request[T]):
         """Return the result in a reply, or raise its error."""
         return self.convert(reply)
 
+
+#: A lookup of either form.
+Lookup = Read[T] | Rows[T]
 
 #: What a lookup of a transaction gives: the server instance, the read set, and a function that
 #: returns the result or raises the lookup's error.

@@ -298,13 +298,14 @@ def read_tree(
         lookup.source_stamp,
         atomic=lookup.atomic,
         versions=True,
+        max_gap_ns=lookup.max_gap_ns,
     )
     if isinstance(rows, AskServer):
         return rows
-    status, stamp, newest, pose, errors, read_set = rows
+    status, stamp, newest, pose, errors, read_set, gap = rows
     assert read_set is not None
     names, versions = read_set
-    answer = wire.LookupReply(status, stamp, newest, pose, dict(errors))
+    answer = wire.LookupReply(status, stamp, newest, pose, dict(errors), gap)
     return instance, zip(names, versions.tolist(), strict=True), lambda: request.answer(answer)
 
 

@@ -47,10 +47,16 @@ class Buffer(BufferInterface):
     Args:
         cache_time: Has no effect: the server's ``--cache-time`` decides.
         node: Has no effect: there is no service to make.
+        max_gap_s: Most seconds between two samples of a link that any lookup interpolates over;
+            None for any, as in tf2. Beyond it a lookup raises GapTooLong, an
+            ExtrapolationException.
     """
 
-    def __init__(self, cache_time: Any = None, node: Any = None) -> None:
+    def __init__(
+        self, cache_time: Any = None, node: Any = None, *, max_gap_s: float | None = None
+    ) -> None:
         super().__init__()
+        self._max_gap_s = max_gap_s
 
     # --- lookups
 
@@ -74,7 +80,11 @@ class Buffer(BufferInterface):
         """
         return message_of(
             connect().lookup_transform(
-                target_frame, source_frame, stamp_ns(time), _seconds(timeout)
+                target_frame,
+                source_frame,
+                stamp_ns(time),
+                _seconds(timeout),
+                max_gap_s=self._max_gap_s,
             )
         )
 
@@ -111,6 +121,7 @@ class Buffer(BufferInterface):
                 stamp_ns(source_time),
                 fixed_frame,
                 _seconds(timeout),
+                max_gap_s=self._max_gap_s,
             )
         )
 
@@ -165,7 +176,7 @@ class Buffer(BufferInterface):
         """Start a `lookup_transform` that waits until it succeeds; return its future."""
         return TransformFuture(
             lambda client, wait_s: client.lookup_transform(
-                target_frame, source_frame, stamp_ns(time), wait_s
+                target_frame, source_frame, stamp_ns(time), wait_s, max_gap_s=self._max_gap_s
             )
         )
 
@@ -186,6 +197,7 @@ class Buffer(BufferInterface):
                 stamp_ns(source_time),
                 fixed_frame,
                 wait_s,
+                max_gap_s=self._max_gap_s,
             )
         )
 

@@ -57,6 +57,14 @@ def add_live_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", metavar="TIME", type=live_time, help=LIVE_TIMES)
 
 
+def add_max_gap(parser: argparse.ArgumentParser) -> None:
+    add_duration(
+        parser,
+        "--max-gap",
+        "refuse to interpolate between samples that are farther apart, such as 200ms",
+    )
+
+
 def add_authority(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--authority",

@@ -179,6 +179,8 @@ def answer_document(answer: StampedTransform) -> dict[str, object]:
     }
     if isinstance(answer, LatestTransform):
         document["newest_stamp_ns"] = answer.newest_stamp_ns
+    if answer.gap_ns:
+        document["gap_ns"] = answer.gap_ns
     return document
 
 
@@ -193,6 +195,8 @@ def answer_text(answer: StampedTransform, *, static: bool = False) -> str:
         lines.append(row("oldest link", when(answer.stamp_ns)))
     else:
         lines.append(row("time", when(answer.stamp_ns)))
+    if answer.gap_ns:
+        lines.append(row("gap", f"{age(answer.gap_ns)} without samples, interpolated"))
     rotation = answer.transform.rotation.tolist()
     degrees = [math.degrees(angle) for angle in answer.transform.rpy()]
     translation = answer.transform.translation.tolist()

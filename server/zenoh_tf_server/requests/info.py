@@ -187,6 +187,7 @@ class InfoRequests:
             reference,
             wire.column(message, "reference_point", wire.F64, 3),
             point_frame,
+            wire.integer(message, "max_gap_ns", wire.NO_GAP_LIMIT, low=wire.NO_GAPS),
         )
 
     def _frame(self, message: wire.Message, field: str) -> str:

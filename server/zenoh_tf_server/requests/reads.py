@@ -12,8 +12,8 @@ from ..limits import Limits
 if TYPE_CHECKING:
     from zenoh_tf._core import Budget
 
-#: Bytes of a row in a lookup's reply: status, stamp, newest stamp and pose.
-_ROW_BYTES: Final = 1 + 8 + 8 + 56
+#: Bytes of a row in a lookup's reply: status, stamp, newest stamp, pose and gap.
+_ROW_BYTES: Final = 1 + 8 + 8 + 56 + 8
 
 
 class Reads:
@@ -48,7 +48,7 @@ class Reads:
                 return None
         except TransformException:
             return None
-        return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose())
+        return wire.one_answer(found.stamp_ns, newest_ns, found.transform.pose(), found.gap_ns)
 
     def rows(self, lookup: wire.Lookup, budget: Budget) -> wire.Message:
         """The fields of the reply to a lookup that does not wait."""
@@ -66,5 +66,6 @@ class Reads:
             versions=lookup.versions,
             errors=lookup.errors,
             budget=budget,
+            max_gap_ns=lookup.max_gap_ns,
         )
         return wire.lookup_reply(lookup, *rows)

@@ -242,6 +242,7 @@ class Waiters:
             lookup.source_stamp,
             # The tree counts what the lookups watch in fact, also when frames move meanwhile.
             self._limits.waiter_links,
+            lookup.max_gap_ns,
         )
 
     def _add(self, request: _WaitingRequest, started: dict[int, _WaitingLookup]) -> None:

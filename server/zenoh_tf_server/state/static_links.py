@@ -311,7 +311,7 @@ class StaticLinks:
 
     def _missing(self, frames: list[str]) -> set[str]:
         """Those of some frames that do not exist."""
-        status, _, _ = self._tree._lookup_columns(frames, frames, None)
+        status, *_ = self._tree._lookup_columns(frames, frames, None)
         return {frame for frame, code in zip(frames, status.tolist(), strict=True) if code}
 
     def _is_static(self, frame: str) -> bool:

@@ -63,7 +63,8 @@ class History {
   [[nodiscard]] double x(Stamp stamp) const {
     SampleInterval b;
     CHECK_EQ(find_link(*frame, frame->ring.load(), stamp, b).status, Status::ok);
-    return lane(interpolate(b, b, b, b), 3).x;
+    Double4 unused;
+    return lane(interpolate(b, b, b, b, unused), 3).x;
   }
   [[nodiscard]] std::vector<Sent> newest_first() const {
     std::vector<Sent> all;

@@ -21,10 +21,10 @@ bool same_failure(const ReadRows& rows, const AnswerColumns::Failed& i,
   const Failure &a = i.failure, &b = j.failure;
   const ReadRows::Names &x = rows.names[i.row], &y = rows.names[j.row];
   return a.code == b.code && a.stamp == b.stamp && a.frame == b.frame && a.oldest == b.oldest &&
-         a.newest == b.newest && a.target == b.target && a.source == b.source &&
-         a.parent == b.parent && a.target_root == b.target_root && a.source_root == b.source_root &&
-         x.target == y.target && x.source == y.source && x.fixed == y.fixed &&
-         rows.queries[i.row].op == rows.queries[j.row].op;
+         a.newest == b.newest && a.max_gap == b.max_gap && a.target == b.target &&
+         a.source == b.source && a.parent == b.parent && a.target_root == b.target_root &&
+         a.source_root == b.source_root && x.target == y.target && x.source == y.source &&
+         x.fixed == y.fixed && rows.queries[i.row].op == rows.queries[j.row].op;
 }
 
 // The error of a row that failed.
@@ -76,6 +76,10 @@ bool AnswerColumns::add(const ReadRows& rows, std::size_t first, std::span<const
     const Answer& a = answers[i - first];
     stamp[i] = a.stamp;
     newest[i] = a.newest;
+    if (a.gap != 0) [[unlikely]] {
+      if (!gap) gap = std::make_unique<Stamp[]>(size);
+      gap[i] = a.gap;
+    }
     if (a.failure.code == Code::ok) [[likely]] {
       status[i] = 0;
       d = std::copy_n(&a.pose.x, 7, d);
@@ -118,10 +122,10 @@ nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& colum
     failures.append(nb::make_tuple(each.row, error));
   }
   const std::size_t n = columns.size;
-  return nb::make_tuple(array_of(std::move(columns.status), {n}),
-                        array_of(std::move(columns.stamp), {n}),
-                        array_of(std::move(columns.newest), {n}),
-                        array_of(std::move(columns.pose), {n, 7}), failures, reads);
+  return nb::make_tuple(
+      array_of(std::move(columns.status), {n}), array_of(std::move(columns.stamp), {n}),
+      array_of(std::move(columns.newest), {n}), array_of(std::move(columns.pose), {n, 7}), failures,
+      reads, columns.gap ? array_of(std::move(columns.gap), {n}) : nb::none());
 }
 
 template nb::tuple reply(const Tree&, const ReadRows&, AnswerColumns&&, const FailureReport&,

@@ -146,11 +146,13 @@ struct Output {
   Stamp* stamp;
   double* pose;
   bool is_starting = false;  // the tree's server
+  Stamp* gap = nullptr;      // null: not asked for
 
   void store(std::size_t row, const Answer& a) const {
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
     status[row] = static_cast<std::uint8_t>(shown_code(a.failure, is_starting));
     stamp[row] = a.stamp;
+    if (gap) gap[row] = a.gap;
     if (a.failure.code == Code::ok)
       std::copy_n(&a.pose.x, 7, pose + 7 * row);
     else
@@ -158,22 +160,26 @@ struct Output {
   }
 };
 
-Query query_of_row(FrameId target, FrameId source, Stamp time) {
-  return {time == kNoStamp ? Op::latest_common : Op::at, target, source, time};
+Query query_of_row(FrameId target, FrameId source, Stamp time, Stamp max_gap) {
+  return {.op = time == kNoStamp ? Op::latest_common : Op::at,
+          .target = target,
+          .source = source,
+          .stamp = time,
+          .max_gap = max_gap};
 }
 
 // Returns the rows whose names have lost their ids meanwhile.
 template <class AnyTree>
 std::vector<std::size_t> look_up(const AnyTree& tree, const FrameColumn<AnyTree>& targets,
                                  const FrameColumn<AnyTree>& sources, const StampColumn& stamps,
-                                 std::size_t n, const Output& out) {
+                                 Stamp max_gap, std::size_t n, const Output& out) {
   std::vector<std::size_t> lost;
   std::vector<Query> queries(std::min(n, kPortion));
   std::vector<Answer> answers(queries.size());
   for (std::size_t done = 0; done < n; done += queries.size()) {
     const std::size_t portion = std::min(queries.size(), n - done);
     for (std::size_t i = 0; i < portion; ++i)
-      queries[i] = query_of_row(targets[done + i], sources[done + i], stamps[done + i]);
+      queries[i] = query_of_row(targets[done + i], sources[done + i], stamps[done + i], max_gap);
     tree.lookup_batch({queries.data(), portion}, {answers.data(), portion});
     for (std::size_t i = 0; i < portion; ++i) out.store(done + i, answers[i]);
     const auto are_current = [&](std::size_t begin, std::size_t end) {
@@ -187,10 +193,11 @@ std::vector<std::size_t> look_up(const AnyTree& tree, const FrameColumn<AnyTree>
   return lost;
 }
 
-// (status, stamps, poses) of one lookup per row.
+// (status, stamps, poses, gaps) of one lookup per row.
 template <class AnyTree>
 nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handle source_names,
-                         nb::handle stamps_ns) {
+                         nb::handle stamps_ns, nb::handle max_gap_s) {
+  const Stamp max_gap = max_gap_of(max_gap_s);
   RowCount rows;
   const FrameColumn<AnyTree> targets(tree, target_names, "targets", rows);
   const FrameColumn<AnyTree> sources(tree, source_names, "sources", rows);
@@ -201,20 +208,21 @@ nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handl
   const nb::object columns[] = {
       make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { out.status = d; }),
       make_array<Stamp>({n}, [&](Stamp* d) { out.stamp = d; }),
-      make_array<double>({n, 7}, [&](double* d) { out.pose = d; })};
+      make_array<double>({n, 7}, [&](double* d) { out.pose = d; }),
+      make_array<Stamp>({n}, [&](Stamp* d) { out.gap = d; })};
   std::vector<std::size_t> lost;
   {
     const GilReleased released;
-    lost = look_up(tree, targets, sources, stamps, n, out);
+    lost = look_up(tree, targets, sources, stamps, max_gap, n, out);
   }
   for (const std::size_t row : lost) {
     Answer answer;
     lookup_holding_gil(tree, answer, [&] {
-      return query_of_row(targets.find_again(row), sources.find_again(row), stamps[row]);
+      return query_of_row(targets.find_again(row), sources.find_again(row), stamps[row], max_gap);
     });
     out.store(row, answer);
   }
-  return nb::make_tuple(columns[0], columns[1], columns[2]);
+  return nb::make_tuple(columns[0], columns[1], columns[2], columns[3]);
 }
 
 // The columns of estimates.
@@ -295,7 +303,7 @@ void bind_lookup_columns(nb::class_<T>& tree) {
            nb::arg("sources"), nb::arg("stamps_ns").none(), nb::arg("now_ns"), nb::arg("level"),
            nb::arg("max_by_ns"), nb::arg("radius_m"));
   tree.def("_lookup_columns", method<&lookup_columns<T>>, nb::arg("targets"), nb::arg("sources"),
-           nb::arg("stamps_ns").none());
+           nb::arg("stamps_ns").none(), nb::arg("max_gap_s").none() = nb::none());
 }
 template void bind_lookup_columns(nb::class_<Tree>&);
 template void bind_lookup_columns(nb::class_<SharedTree>&);

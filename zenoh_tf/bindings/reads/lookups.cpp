@@ -70,7 +70,7 @@ StampedTransform stamped_answer(const AnyTree& tree, const Answer& a, nb::handle
                                 nb::handle source, const LookupNote& note = {}) {
   if (a.failure.code != Code::ok) [[unlikely]]
     raise(make_error(tree, a.failure, target, source, note));
-  return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
+  return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap};
 }
 
 template <class AnyTree>
@@ -89,9 +89,14 @@ Query query_at(const AnyTree& tree, nb::handle target, nb::handle source, nb::ha
 
 template <class AnyTree>
 StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-                        nb::handle timeout) {
+                        nb::handle timeout, nb::handle max_gap_s) {
   const double timeout_s = timeout_of(timeout);
-  const auto query = [&] { return query_at(tree, target, source, stamp); };
+  const Stamp max_gap = max_gap_of(max_gap_s);
+  const auto query = [&] {
+    Query named = query_at(tree, target, source, stamp);
+    named.max_gap = max_gap;
+    return named;
+  };
   Answer a;
   std::string waited;
   if (timeout_s == 0.0) [[likely]]
@@ -99,7 +104,7 @@ StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle sourc
   else
     waited = wait(tree, query, target, source, nb::none(), timeout_s, a);
   if (a.failure.code == Code::ok) [[likely]]
-    return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose};
+    return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap};
   return stamped_answer(tree, a, target, source,
                         {.waited = std::move(waited), .latest = stamp.is_none(), .may_wait = true});
 }
@@ -107,10 +112,12 @@ StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle sourc
 template <class AnyTree>
 StampedTransform lookup_full(const AnyTree& tree, nb::handle target, nb::handle target_stamp,
                              nb::handle source, nb::handle source_stamp, nb::handle fixed,
-                             nb::handle timeout) {
+                             nb::handle timeout, nb::handle max_gap_s) {
   const double timeout_s = timeout_of(timeout);
+  const Stamp max_gap = max_gap_of(max_gap_s);
   const auto query = [&] {
     Query named = query_of(tree, Op::full, target, source);
+    named.max_gap = max_gap;
     named.stamp = stamp_of(target_stamp, "target_stamp_ns");
     named.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
     named.fixed = frame_of(tree, fixed, "fixed_frame").id;
@@ -210,10 +217,11 @@ template <class T>
 void bind_lookups(nb::class_<T>& tree) {
   tree.def("lookup_transform", method<&lookup<T>>, ZTF_DOC(Tree_lookup_transform),
            nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(),
-           nb::arg("timeout_s") = 0.0)
+           nb::arg("timeout_s") = 0.0, nb::kw_only(), nb::arg("max_gap_s").none() = nb::none())
       .def("lookup_transform_full", method<&lookup_full<T>>, ZTF_DOC(Tree_lookup_transform_full),
            nb::arg("target"), nb::arg("target_stamp_ns").none(), nb::arg("source"),
-           nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0)
+           nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0,
+           nb::kw_only(), nb::arg("max_gap_s").none() = nb::none())
       .def("can_transform", method<&can<T>>, ZTF_DOC(Tree_can_transform), nb::arg("target"),
            nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
       .def("lookup_latest_transform", method<&latest<Op::latest, T>>,

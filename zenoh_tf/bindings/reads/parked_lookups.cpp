@@ -267,8 +267,8 @@ void bind_parked_lookups(nb::module_& m) {
          const Column<std::uint8_t>& op, const Column<std::uint32_t>& target,
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
-         const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links) {
-        const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+         const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links, Stamp max_gap) {
+        const ReadColumns columns{op, target, source, stamp, fixed, source_stamp, max_gap};
         ReadRows rows(nb::cast<const Tree&>(tree), names, columns);
         rejected_as_error([&] { rows.set(columns); });
         return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), lookup_id,
@@ -277,7 +277,8 @@ void bind_parked_lookups(nb::module_& m) {
       nb::arg("tree"), nb::arg("queue"), nb::arg("lookup_id"), nb::arg("names"), nb::arg("op"),
       nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns"),
       nb::arg("fixed").none() = nb::none(), nb::arg("source_stamp_ns").none() = nb::none(),
-      nb::arg("max_links") = static_cast<std::size_t>(-1), nb::keep_alive<0, 2>());
+      nb::arg("max_links") = static_cast<std::size_t>(-1), nb::arg("max_gap_ns") = kNoGapLimit,
+      nb::keep_alive<0, 2>());
 }
 
 }  // namespace ztf

@@ -129,8 +129,8 @@ nb::tuple read_rows(const AnyTree& tree, nb::handle names, const Column<std::uin
                     const Column<std::uint32_t>& target, const Column<std::uint32_t>& source,
                     const Column<Stamp>& stamp, const std::optional<Column<std::uint32_t>>& fixed,
                     const std::optional<Column<Stamp>>& source_stamp, bool atomic, bool versions,
-                    bool errors, Budget* budget) {
-  const ReadColumns columns{op, target, source, stamp, fixed, source_stamp};
+                    bool errors, Budget* budget, Stamp max_gap) {
+  const ReadColumns columns{op, target, source, stamp, fixed, source_stamp, max_gap};
   ReadRows rows(tree, names, columns);
   const FailureReport report{{}, !tree.startup().is_over(), errors, budget};
   FirstReads read_set;
@@ -248,6 +248,7 @@ void ReadRows::set(const ReadColumns& columns) {
     names[i] = {checked(columns.target(i), frames.size(), "target"),
                 checked(columns.source(i), frames.size(), "source"), 0};
     q.stamp = columns.stamp(i);
+    q.max_gap = columns.max_gap;
     if (q.op == Op::at && q.stamp == kNoStamp)
       throw malformed("stamp_ns is -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
                       "stamp_ns");
@@ -351,7 +352,7 @@ void bind_read_rows(nb::class_<T>& tree) {
            nb::arg("source"), nb::arg("stamp_ns"), nb::arg("fixed").none() = nb::none(),
            nb::arg("source_stamp_ns").none() = nb::none(), nb::kw_only(), nb::arg("atomic") = false,
            nb::arg("versions") = false, nb::arg("errors") = true,
-           nb::arg("budget").none() = nb::none());
+           nb::arg("budget").none() = nb::none(), nb::arg("max_gap_ns") = kNoGapLimit);
 }
 template void bind_read_rows(nb::class_<Tree>&);
 template void bind_read_rows(nb::class_<SharedTree>&);

@@ -24,6 +24,7 @@ struct ReadColumns {
   const Column<Stamp>& stamp;
   const std::optional<Column<std::uint32_t>>& fixed;
   const std::optional<Column<Stamp>>& source_stamp;
+  Stamp max_gap;  // ns, of all rows, or kNoGapLimit
 };
 
 // One lookup per row.
@@ -102,6 +103,7 @@ struct AnswerColumns {
   std::size_t size;
   std::unique_ptr<std::uint8_t[]> status;
   std::unique_ptr<Stamp[]> stamp, newest;
+  std::unique_ptr<Stamp[]> gap;  // null as long as no row has one
   std::unique_ptr<double[]> pose;
   std::vector<Failed> failed;  // the rows whose errors may have room in the reply
 
@@ -110,7 +112,7 @@ struct AnswerColumns {
   bool is_starting_;
 };
 
-// (status, stamps, newest stamps, poses, [(row, error)], reads).
+// (status, stamps, newest stamps, poses, [(row, error)], reads, gaps or None).
 template <class AnyTree>
 nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& columns,
                 const FailureReport& report, const nb::object& reads);

@@ -45,7 +45,7 @@ nb::object reply_to_lookup(const Tree& tree, const nb::bytes& message, std::stri
                  .source = tree.find_ref(lookup->source).id,
                  .stamp = lookup->stamp};
   });
-  if (answer.failure.code != Code::ok) return nb::none();
+  if (answer.failure.code != Code::ok || answer.gap != 0) return nb::none();
   SingleAnswer reply{answer.stamp, {}, answer.pose};
   if (lookup->op >= Op::latest) reply.newest = answer.newest;
   return bytes_or_none(pack_single_answer(reply, instance));

@@ -63,9 +63,10 @@ struct Sweep {
 // Returns false, and writes nothing, if each time has to be looked up by itself.
 template <class AnyTree>
 bool deskew_by_tree(const AnyTree& tree, const AnyConstArray& points, const StampGrid& stamps,
-                    const AnyArray& out, nb::handle source, nb::handle fixed, Stamp at) {
+                    const AnyArray& out, nb::handle source, nb::handle fixed, Stamp at,
+                    Stamp max_gap) {
   const Sweep sweep(points, stamps, out);
-  MotionQuery query{0, 0, at, at, at};
+  MotionQuery query{0, 0, at, at, at, max_gap};
   if (sweep.in.rows * sweep.in.columns > 0)
     std::tie(query.first, query.last) = sweep.first_and_last();
   if (query.first == kNoStamp)
@@ -118,7 +119,8 @@ void bind_deskew(nb::module_& m) {
 template <class T>
 void bind_deskew(nb::class_<T>& tree) {
   tree.def("_deskew", method<&deskew_by_tree<T>>, nb::arg("points"), nb::arg("stamps_ns"),
-           nb::arg("out"), nb::arg("source"), nb::arg("fixed_frame"), nb::arg("at_ns"));
+           nb::arg("out"), nb::arg("source"), nb::arg("fixed_frame"), nb::arg("at_ns"),
+           nb::arg("max_gap_ns") = kNoGapLimit);
 }
 template void bind_deskew(nb::class_<Tree>&);
 template void bind_deskew(nb::class_<SharedTree>&);

@@ -54,11 +54,12 @@ void bind_stamped_transform(nb::module_& m) {
       .def(
           "__init__",
           [](StampedTransform* self, nb::handle parent, nb::handle child, nb::handle stamp,
-             const Pose& transform) {
+             const Pose& transform, Stamp gap) {
             new (self) StampedTransform(make_stamped(parent, child, stamp, transform));
+            self->gap = gap;
           },
           nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns").none(),
-          nb::arg("transform"))
+          nb::arg("transform"), nb::kw_only(), nb::arg("gap_ns") = 0)
       .def_prop_ro(
           "parent_frame", [](const StampedTransform& s) { return s.parent_frame; },
           ZTF_PROPERTY_DOC(StampedTransform_parent_frame))
@@ -71,6 +72,9 @@ void bind_stamped_transform(nb::module_& m) {
       .def_prop_ro(
           "transform", [](const StampedTransform& s) { return s.pose; },
           ZTF_PROPERTY_DOC(StampedTransform_transform))
+      .def_prop_ro(
+          "gap_ns", [](const StampedTransform& s) { return s.gap; },
+          ZTF_PROPERTY_DOC(StampedTransform_gap_ns))
       .def(
           "__eq__",
           [](const StampedTransform& a, const StampedTransform& b) { return equal(a, b); },
@@ -82,7 +86,8 @@ void bind_stamped_transform(nb::module_& m) {
            })
       .def("__repr__",
            [](const StampedTransform& s) {
-             return "StampedTransform(" + repr_of_arguments(s) + ")";
+             return "StampedTransform(" + repr_of_arguments(s) +
+                    (s.gap != 0 ? ", gap_ns=" + std::to_string(s.gap) : "") + ")";
            })
       .def("_repr_html_",
            [](nb::handle self) {
@@ -90,8 +95,10 @@ void bind_stamped_transform(nb::module_& m) {
            })
       .def("__reduce__", [](nb::handle self) {
         const auto& s = nb::cast<const StampedTransform&>(self);
-        return nb::make_tuple(self.type(),
-                              nb::make_tuple(s.parent_frame, s.child_frame, s.stamp, s.pose));
+        nb::object make = nb::borrow(self.type());
+        if (s.gap != 0)
+          make = nb::module_::import_("functools").attr("partial")(make, nb::arg("gap_ns") = s.gap);
+        return nb::make_tuple(make, nb::make_tuple(s.parent_frame, s.child_frame, s.stamp, s.pose));
       });
 }
 

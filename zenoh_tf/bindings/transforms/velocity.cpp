@@ -12,7 +12,7 @@ namespace {
 template <class AnyTree>
 nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle observation,
                          nb::handle stamp, Stamp interval, nb::handle reference_or_none,
-                         nb::handle point, nb::handle point_frame_or_none) {
+                         nb::handle point, nb::handle point_frame_or_none, Stamp max_gap) {
   const nb::handle reference = reference_or_none.is_none() ? observation : reference_or_none;
   const nb::handle point_frame = point_frame_or_none.is_none() ? tracking : point_frame_or_none;
   const auto find_names = [&](VelocityQuery& query) {
@@ -25,6 +25,7 @@ nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle ob
   find_names(query);  // raises for names that no frame can have
   query.stamp = stamp_of(stamp, "stamp_ns");
   query.interval = interval;
+  query.max_gap = max_gap;
   numbers_of(point, &query.point.x, 3, "reference_point");
   for (const double value : {query.point.x, query.point.y, query.point.z})
     if (!std::isfinite(value)) raise_invalid("reference_point must be finite", "reference_point");
@@ -56,6 +57,7 @@ nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle ob
   out["stamp_ns"] = a.stamp;
   out["start_ns"] = a.start;
   out["end_ns"] = a.end;
+  out["gap_ns"] = a.gap;
   out["tracking_frame"] = tracking;
   out["observation_frame"] = observation;
   out["reference_frame"] = reference;
@@ -69,7 +71,8 @@ void bind_velocity(nb::class_<T>& tree) {
   tree.def("_velocity_record", method<&velocity_record<T>>, nb::arg("tracking_frame"),
            nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
            nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
-           nb::arg("reference_point"), nb::arg("reference_point_frame").none());
+           nb::arg("reference_point"), nb::arg("reference_point_frame").none(),
+           nb::arg("max_gap_ns") = kNoGapLimit);
 }
 template void bind_velocity(nb::class_<Tree>&);
 template void bind_velocity(nb::class_<SharedTree>&);

@@ -57,6 +57,36 @@ Stamp grid_of(const PathNow& path) noexcept {
 
 namespace detail {
 
+namespace {
+
+// Leaves out the instants in gaps, at which nothing was measured that an error could be counted
+// from.
+void drop_unmeasured(std::span<const SampleRun> runs, std::vector<Stamp>& times, Cases& cases) {
+  const std::size_t all = times.size();
+  std::vector<bool> measured(all, true);
+  for (const SampleRun& run : runs) {
+    const double others = elapsed_ns(run.stamp(0), run.newest());
+    std::uint32_t at = 0;
+    for (std::size_t i = all; i-- > 0;) {  // from the oldest on
+      at = run.last_at(times[i], at);
+      if (at + 1 >= run.size()) continue;
+      const double interval = elapsed_ns(run.stamp(at), run.stamp(at + 1));
+      if (interval * (run.size() - 2) > kGapPeriods * (others - interval)) measured[i] = false;
+    }
+  }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < all; ++i) {
+    if (!measured[i]) continue;
+    times[kept] = times[i];
+    cases.age_s[kept++] = cases.age_s[i];
+  }
+  times.resize(kept);
+  cases.age_s.resize(kept);
+  cases.span_s *= static_cast<double>(kept) / static_cast<double>(all);
+}
+
+}  // namespace
+
 std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& path,
                                 double window_s, Cases& cases) {
   cases.age_s.clear();
@@ -97,6 +127,7 @@ std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& 
     times[i] = end - static_cast<Stamp>(share * span);
     cases.age_s[i] = share * cases.span_s;
   }
+  drop_unmeasured(runs, times, cases);
   return times;
 }
 

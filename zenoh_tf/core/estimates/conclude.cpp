@@ -86,6 +86,18 @@ void find_largest(std::span<const double> shares, const PathNow& path, EstimateA
   a.child = link.child;
 }
 
+// Nothing was measured in a gap, so backtests say nothing about the pose there.
+void claim_nothing_in_gaps(const PathNow& path, EstimateAnswer& a) noexcept {
+  for (const LinkNow& link : path.links) {
+    if (!link.in_gap) continue;
+    a.metres = a.radians = kInfinite;
+    a.level = 0;
+    a.backtests = 0;
+    a.parent = link.parent;
+    a.child = link.child;
+  }
+}
+
 // Replaces the bounds by those that the limits allow, where these are larger. If all links that
 // move have limits, they are guaranteed.
 void apply_limits(const EstimateQuery& q, const PathNow& path, const Backtest* backtest,
@@ -177,6 +189,7 @@ void conclude(const EstimateQuery& q, const PathNow& path, const Backtest* backt
   a.level = bound.level;
   a.backtests = bound.backtests;
   find_largest(backtest->shares, path, a);
+  claim_nothing_in_gaps(path, a);
   if (!limits.empty()) apply_limits(q, path, backtest, poses, limits, a);
   a.metres += q.radius * chord(a.radians);
 }

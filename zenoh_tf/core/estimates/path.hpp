@@ -61,6 +61,7 @@ struct LinkNow {
   FrameId child, parent;
   bool inverted;  // on the target's side of the common ancestor
   Kind kind;
+  bool in_gap;                              // between samples with a gap (histories/gap.hpp)
   std::uint32_t count;                      // samples of the history
   Stamp oldest, newest;                     // of the history
   Stamp beyond;                             // ns from the newest sample to the time, or 0
@@ -123,6 +124,7 @@ void copy_link(const Access& access, const PathStep& step, Stamp time, LinkNow& 
   link.older = copy(*step.interval.older);
   link.beyond = link.lag = link.clock_error = 0;
   link.run_begin = kNoStamp;
+  link.in_gap = false;
   link.oldest = oldest_served_stamp(frame);
   link.newest = frame.latest.stamp.load(acquire);
   link.count = frame.count.load(acquire);
@@ -136,6 +138,8 @@ void copy_link(const Access& access, const PathStep& step, Stamp time, LinkNow& 
   link.kind = time > link.newest         ? Kind::carried
               : link.older.stamp == time ? Kind::exact
                                          : Kind::between;
+  if (link.kind == Kind::between)
+    link.in_gap = is_gap(frame, elapsed_ns(link.older.stamp, link.newer.stamp));
   const Ring ring = access.ring(frame);
   const std::uint32_t count = std::min(link.count, ring.capacity());
   const std::uint32_t first = frame.first.load(acquire);

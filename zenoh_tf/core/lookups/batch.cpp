@@ -16,7 +16,7 @@ std::size_t count_same_pair(std::span<const Query> queries) noexcept {
   const Query& first = queries[0];
   std::size_t n = 0;
   while (n < queries.size() && queries[n].op == Op::at && queries[n].target == first.target &&
-         queries[n].source == first.source)
+         queries[n].source == first.source && queries[n].max_gap == first.max_gap)
     ++n;
   return n;
 }

@@ -55,8 +55,9 @@ bool measure(AnyReader& reader, const VelocityQuery& q, VelocityAnswer& a) {
   for (int i = 0; i < 5; ++i) {
     Answer answer;
     const auto [leg, target, source, stamp] = steps[i];
-    if (!lookup(leg, {Op::at, target, source, stamp}, answer)) return false;
+    if (!lookup(leg, query_at_time(target, source, stamp, q.max_gap), answer)) return false;
     if (a.failure.code != Code::ok) return true;
+    a.gap = std::max(a.gap, answer.gap);
     poses[i] = answer.pose;
   }
   const auto& [start, end, body, X_observation_point, X_reference_observation] = poses;

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "reads/query.hpp"
 #include "reads/walk.hpp"
@@ -51,6 +52,47 @@ inline StampRange stamps_of(const Chain& chain) noexcept {
   for (const PathStep& step : chain.source) stamps.include(step.interval.time);
   for (const PathStep& step : chain.target) stamps.include(step.interval.time);
   return stamps;
+}
+
+// A link of a chain that is interpolated over more than a limit allows.
+struct LongInterval {
+  const PathStep* step = nullptr;  // null: there is none
+  const Frame* parent = nullptr;
+};
+
+// Returns the longest one of the chain.
+inline LongInterval find_long_interval(const Chain& chain, Stamp limit) noexcept {
+  LongInterval found;
+  Stamp longest = 0;
+  for (const PathSegment& steps : {chain.target, chain.source})
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+      const Stamp interval = interpolated_ns(steps[i].interval);
+      if (interval <= longest || !exceeds(*steps[i].frame, interval, limit)) continue;
+      longest = interval;
+      found = {&steps[i], i + 1 < steps.size() ? steps[i + 1].frame : chain.common_ancestor};
+    }
+  return found;
+}
+
+// Sets the failure of a lookup of two frames, target and source, if a link is interpolated over
+// more than the limit allows.
+template <class Access>
+[[gnu::noinline]] void check_gaps(const Access& access, const Chain& chain, Stamp limit,
+                                  std::pair<FrameId, FrameId> frames,
+                                  const std::atomic<std::uint64_t>& ids_freed, Answer& a) {
+  const auto [step, parent] = find_long_interval(chain, limit);
+  if (!step) return;
+  const auto acquire = std::memory_order_acquire;
+  a.failure = {.code = Code::gap,
+               .target = frames.first,
+               .source = frames.second,
+               .frame = access.id_of(step->frame),
+               .parent = access.id_of(parent),
+               .stamp = a.stamp,
+               .oldest = step->interval.older->stamp.load(acquire),
+               .newest = step->interval.newer->stamp.load(acquire),
+               .max_gap = limit,
+               .ids_freed = ids_freed.load(acquire)};
 }
 
 // Returns 0 if all links are static, because any time serves then.

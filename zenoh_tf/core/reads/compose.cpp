@@ -2,6 +2,7 @@
 #include "reads/compose.hpp"
 
 #include "histories/four_samples.hpp"
+#include "histories/gap.hpp"
 
 namespace ztf {
 
@@ -19,26 +20,44 @@ ZTF_ALWAYS_INLINE Pose product(std::size_t links, GetPose&& get_pose) noexcept {
   return (links == 3 ? get_pose(2) : get_pose(3) * get_pose(2)) * first;
 }
 
-ZTF_ALWAYS_INLINE Pose compose_group(std::span<const PathStep> steps) noexcept {
+// The slow path of finding gaps.
+[[gnu::noinline]] Stamp longest_gap(std::span<const PathStep> steps) noexcept {
+  Stamp longest = 0;
+  for (const PathStep& step : steps)
+    if (const Stamp interval = interpolated_ns(step.interval);
+        interval > longest && is_gap(*step.frame, static_cast<double>(interval)))
+      longest = interval;
+  return longest;
+}
+
+ZTF_ALWAYS_INLINE Pose compose_group(std::span<const PathStep> steps, Stamp& gap) noexcept {
   const auto is_sample = [](const PathStep& step) {
     return step.interval.older == step.interval.newer;
   };
   if (std::all_of(steps.begin(), steps.end(), is_sample))
     return product(steps.size(),
                    [&](std::size_t i) { return steps[i].interval.older->pose.load(); });
-  const auto interval = [&](std::size_t i) -> const SampleInterval& {
-    return steps[std::min(i, steps.size() - 1)].interval;
+  const auto step = [&](std::size_t i) -> const PathStep& {
+    return steps[std::min(i, steps.size() - 1)];
   };
-  const Pose4 poses = interpolate(interval(0), interval(1), interval(2), interval(3));
+  Double4 intervals;
+  const Pose4 poses = interpolate(step(0).interval, step(1).interval, step(2).interval,
+                                  step(3).interval, intervals);
+  const Double4 rates{rate_for_gaps(*step(0).frame), rate_for_gaps(*step(1).frame),
+                      rate_for_gaps(*step(2).frame), rate_for_gaps(*step(3).frame)};
+  if (may_be_gap(intervals, rates)) [[unlikely]]
+    gap = std::max(gap, longest_gap(steps));
   return product(steps.size(), [&](std::size_t i) { return lane(poses, i); });
 }
 
 }  // namespace
 
-ZTF_MULTIVERSION void compose(std::span<const PathStep> steps, Pose& pose) noexcept {
-  pose = compose_group(steps.first(std::min(kGroup, steps.size())));
+ZTF_MULTIVERSION Stamp compose(std::span<const PathStep> steps, Pose& pose) noexcept {
+  Stamp gap = 0;
+  pose = compose_group(steps.first(std::min(kGroup, steps.size())), gap);
   for (std::size_t done = kGroup; done < steps.size(); done += kGroup)
-    pose = compose_group(steps.subspan(done, std::min(kGroup, steps.size() - done))) * pose;
+    pose = compose_group(steps.subspan(done, std::min(kGroup, steps.size() - done)), gap) * pose;
+  return gap;
 }
 
 }  // namespace ztf

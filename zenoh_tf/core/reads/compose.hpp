@@ -21,7 +21,8 @@ struct PathStep {
 };
 
 // Sets X_parent_child, where child is the first step's frame and parent the parent of the last
-// step's frame. Requires at least one step.
-void compose(std::span<const PathStep> steps, Pose& pose) noexcept;
+// step's frame. Returns the longest gap that it was interpolated over (histories/gap.hpp), or 0.
+// Requires at least one step.
+Stamp compose(std::span<const PathStep> steps, Pose& pose) noexcept;
 
 }  // namespace ztf

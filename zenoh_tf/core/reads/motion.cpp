@@ -43,7 +43,8 @@ Motion::Interval Motion::interval_between(Stamp from, const Pose& older, Stamp t
           end,  half_angle, 1 / std::sin(half_angle)};
 }
 
-bool Motion::add(const Frame& frame, Ring ring, Stamp first, Stamp last, bool inverted) {
+bool Motion::add(const Frame& frame, Ring ring, Stamp first, Stamp last, bool inverted,
+                 Stamp max_gap) {
   yield_point();
   const auto acquire = std::memory_order_acquire;
   Factor& factor = factors_.emplace_back();
@@ -67,6 +68,7 @@ bool Motion::add(const Frame& frame, Ring ring, Stamp first, Stamp last, bool in
     const Stamp to = ring.stamp(begin + ++low);
     const Pose newer = ring.sample(begin + low).pose.load();
     factor.intervals.push_back(interval_between(from, older, to, newer));
+    has_gap_ = has_gap_ || exceeds(frame, static_cast<Stamp>(span_ns(from, to)), max_gap);
     from = to;
     older = newer;
   } while (from < last && low + 1 < count);
@@ -74,14 +76,14 @@ bool Motion::add(const Frame& frame, Ring ring, Stamp first, Stamp last, bool in
 }
 
 bool Motion::copy(const Chain& chain, std::span<const Ring> source_rings,
-                  std::span<const Ring> target_rings, Stamp first, Stamp last) {
+                  std::span<const Ring> target_rings, Stamp first, Stamp last, Stamp max_gap) {
   clear();
   // X_fixed_source is the inverse of the product of the target's links, from the ancestor down, and
   // then the product of the source's.
   for (std::size_t i = 0; i < chain.target.size(); ++i)
-    if (!add(*chain.target[i].frame, target_rings[i], first, last, true)) return false;
+    if (!add(*chain.target[i].frame, target_rings[i], first, last, true, max_gap)) return false;
   for (std::size_t i = chain.source.size(); i-- > 0;)
-    if (!add(*chain.source[i].frame, source_rings[i], first, last, false)) return false;
+    if (!add(*chain.source[i].frame, source_rings[i], first, last, false, max_gap)) return false;
   return true;
 }
 

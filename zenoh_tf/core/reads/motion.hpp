@@ -19,11 +19,17 @@ namespace ztf {
 class Motion {
  public:
   // Forgets all links. The motion then is the identity at all times.
-  void clear() noexcept { factors_.clear(); }
+  void clear() noexcept {
+    factors_.clear();
+    has_gap_ = false;
+  }
   // Adds the links of a chain, with all samples that times from `first` to `last` need. Requires
   // the rings of the chain's frames. Returns false after a torn read. Throws bad_alloc.
   [[nodiscard]] bool copy(const Chain& chain, std::span<const Ring> source_rings,
-                          std::span<const Ring> target_rings, Stamp first, Stamp last);
+                          std::span<const Ring> target_rings, Stamp first, Stamp last,
+                          Stamp max_gap = kNoGapLimit);
+  // Whether two samples of a link are farther apart than the limit that copy() got.
+  [[nodiscard]] bool has_gap() const noexcept { return has_gap_; }
 
   // Prepares for compute(): from then on the motion is that in the source frame as it stands at
   // that time. Throws bad_alloc.
@@ -55,12 +61,13 @@ class Motion {
                                    const Pose& newer) noexcept;
   static Pose4 interpolate_four(Factor& factor, const Stamp* times) noexcept;
   // Adds a link. Returns false after a torn read.
-  bool add(const Frame& frame, Ring ring, Stamp first, Stamp last, bool inverted);
+  bool add(const Frame& frame, Ring ring, Stamp first, Stamp last, bool inverted, Stamp max_gap);
   // Replaces neighbouring constants by their product.
   void fold_constants();
   Pose4 product(const Stamp* times) noexcept;
   void compute_four(const Stamp* times, PointMap* maps) noexcept;
 
+  bool has_gap_ = false;
   std::vector<Factor> factors_;  // X_fixed_source, from left to right
 };
 

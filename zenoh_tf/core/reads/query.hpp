@@ -8,7 +8,7 @@
 #pragma once
 
 #include "base/code.hpp"
-#include "records/frame.hpp"
+#include "histories/gap.hpp"
 
 namespace ztf {
 
@@ -30,17 +30,27 @@ struct Query {
   Stamp stamp = kNoStamp;
   FrameId fixed = 0;              // `full` only: the frame that the two lookups have in common
   Stamp source_stamp = kNoStamp;  // `full` only: the time of the source, kNoStamp as above
+  // The most ns between two samples that `at`, `latest_common` and `full` interpolate over, or one
+  // of the limits of histories/gap.hpp.
+  Stamp max_gap = kNoGapLimit;
 };
+
+// A lookup at a time.
+inline Query query_at_time(FrameId target, FrameId source, Stamp stamp, Stamp max_gap) noexcept {
+  return {.op = Op::at, .target = target, .source = source, .stamp = stamp, .max_gap = max_gap};
+}
 
 // Why there is no transform. The other fields mean something only if `code` is not ok; then those
 // that do not apply are 0 or kNoStamp.
 struct Failure {
   Code code = Code::ok;
-  FrameId target = 0, source = 0;              // of the walk that failed
-  FrameId frame = 0, parent = 0;               // the offending link: child and parent
-  FrameId target_root = 0, source_root = 0;    // connectivity: where the two paths end
-  Stamp stamp = kNoStamp;                      // the requested time; kNoStamp: the newest links
-  Stamp oldest = kNoStamp, newest = kNoStamp;  // of the offending link's history
+  FrameId target = 0, source = 0;            // of the walk that failed
+  FrameId frame = 0, parent = 0;             // the offending link: child and parent
+  FrameId target_root = 0, source_root = 0;  // connectivity: where the two paths end
+  Stamp stamp = kNoStamp;                    // the requested time; kNoStamp: the newest links
+  // Of the offending link's history; of a gap: the samples around it.
+  Stamp oldest = kNoStamp, newest = kNoStamp;
+  Stamp max_gap = kNoGapLimit;  // of a gap: the limit that it exceeds
   // How often ids had been freed when all these belonged to the frames that were read.
   std::uint64_t ids_freed = 0;
 };
@@ -60,12 +70,14 @@ struct Answer {
   // static, it is kNoStamp for common_time and 0 for the other lookups of newest samples.
   Stamp stamp = 0;
   Stamp newest = 0;  // for latest and latest_xact only: the newest stamp used
+  Stamp gap = 0;     // ns, the longest gap that the pose was interpolated over (histories/gap.hpp)
 };
 
 // The frames, and the times between which the motion is needed: `at`, and `first` to `last`.
 struct MotionQuery {
   FrameId fixed, source;
   Stamp at, first, last;
+  Stamp max_gap = kNoGapLimit;  // as of Query
 };
 
 // The read set of a transaction may have any size.
@@ -74,8 +86,8 @@ inline constexpr std::size_t kNoReadLimit = static_cast<std::size_t>(-1);
 // What lookup_motion() has found, if it has not failed.
 enum class MotionResult : std::uint8_t {
   copied,
-  // The frames may be connected by different paths at different times. The caller looks up each
-  // time by itself.
+  // The frames may be connected by different paths at different times, or a link has a gap between
+  // them. The caller looks up each time by itself.
   varies,
 };
 

@@ -38,13 +38,14 @@ class Reader {
   // Answers one query of any kind.
   ZTF_ALWAYS_INLINE bool answer(const Query& q, Answer& a) {
     a.failure.code = Code::ok;
+    a.gap = 0;
     if (q.target == 0 || q.source == 0) [[unlikely]]
       if (q.op != Op::full) return report_unknown(q.target, q.source, a);
     switch (q.op) {
       case Op::at:
-        return lookup_at(q.target, q.source, q.stamp, a);
+        return lookup_at(q.target, q.source, q.stamp, q.max_gap, a);
       case Op::latest_common:
-        return lookup_latest_common(q.target, q.source, a);
+        return lookup_latest_common(q.target, q.source, q.max_gap, a);
       case Op::latest:
         // It promises less than latest_xact, so one answer serves both.
       case Op::latest_xact:
@@ -129,7 +130,7 @@ class Reader {
     motion.clear();
     result = MotionResult::copied;
     for (const Stamp time : {q.at, q.first, q.last}) {
-      if (!answer({Op::at, q.fixed, q.source, time}, a)) return false;
+      if (!answer(query_at_time(q.fixed, q.source, time, q.max_gap), a)) return false;
       if (a.failure.code != Code::ok) return true;
     }
     if (q.fixed == q.source) return true;
@@ -140,8 +141,10 @@ class Reader {
           return true;
         }
         return with_rings(chain, [&](std::span<const Ring> source, std::span<const Ring> target) {
-          return motion.copy(chain, source, target, std::min(q.at, q.first),
-                             std::max(q.at, q.last));
+          const Stamp first = std::min(q.at, q.first), last = std::max(q.at, q.last);
+          if (!motion.copy(chain, source, target, first, last, q.max_gap)) return false;
+          if (motion.has_gap()) result = MotionResult::varies;
+          return true;
         });
       });
     });
@@ -259,17 +262,21 @@ class Reader {
     return guard_.validate({&last, 1});
   }
 
-  ZTF_ALWAYS_INLINE bool lookup_at(FrameId target, FrameId source, Stamp stamp, Answer& a) {
+  ZTF_ALWAYS_INLINE bool lookup_at(FrameId target, FrameId source, Stamp stamp, Stamp max_gap,
+                                   Answer& a) {
     a.stamp = stamp;
     a.pose = Pose{};
     if (target == source) return true;
     return with_chain(target, source, SelectAt{stamp}, stamp, a, [&](const Chain& chain) {
-      compose_chain(chain, a.pose);
+      a.gap = compose_chain(chain, a.pose);
+      if (max_gap != kNoGapLimit) [[unlikely]]
+        check_gaps(access_, chain, max_gap, {target, source}, ids_freed_, a);
       return true;
     });
   }
 
-  ZTF_ALWAYS_INLINE bool lookup_latest_common(FrameId target, FrameId source, Answer& a) {
+  ZTF_ALWAYS_INLINE bool lookup_latest_common(FrameId target, FrameId source, Stamp max_gap,
+                                              Answer& a) {
     if (target == source) return lookup_self(target, 0, a);
     StampRange newest;
     if (compose_newest_links(access_, guard_, max_depth_, target, source, true, newest, a.pose)) {
@@ -281,8 +288,10 @@ class Reader {
       return with_all_times(chain, [&](bool serves_all_times) {
         if (!serves_all_times || !move_to_time(chain.source, a.stamp) ||
             !move_to_time(chain.target, a.stamp))
-          return lookup_at(target, source, a.stamp, a);
-        compose_chain(chain, a.pose);
+          return lookup_at(target, source, a.stamp, max_gap, a);
+        a.gap = compose_chain(chain, a.pose);
+        if (max_gap != kNoGapLimit) [[unlikely]]
+          check_gaps(access_, chain, max_gap, {target, source}, ids_freed_, a);
         return true;
       });
     });
@@ -317,8 +326,8 @@ class Reader {
     if (q.fixed == 0 || q.source == 0) return report_unknown(q.fixed, q.source, a);
     if (q.target == 0) return report_unknown(q.target, q.fixed, a);
     const auto lookup = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
-      return stamp == kNoStamp ? lookup_latest_common(target, source, answer)
-                               : lookup_at(target, source, stamp, answer);
+      return stamp == kNoStamp ? lookup_latest_common(target, source, q.max_gap, answer)
+                               : lookup_at(target, source, stamp, q.max_gap, answer);
     };
     Answer first;
     if (!lookup(q.fixed, q.source, q.source_stamp, first)) return false;
@@ -327,7 +336,9 @@ class Reader {
       return true;
     }
     if (!lookup(q.target, q.fixed, q.stamp, a)) return false;
-    if (a.failure.code == Code::ok) a.pose = a.pose * first.pose;
+    if (a.failure.code != Code::ok) return true;
+    a.pose = a.pose * first.pose;
+    a.gap = std::max(a.gap, first.gap);
     return true;
   }
 
@@ -357,14 +368,15 @@ class Reader {
     return true;
   }
 
-  // Sets X_target_source = inverse(X_ancestor_target) * X_ancestor_source. Requires at least one
-  // link.
-  ZTF_ALWAYS_INLINE static void compose_chain(const Chain& chain, Pose& pose) noexcept {
-    if (!chain.source.empty()) compose(chain.source, pose);
-    if (chain.target.empty()) return;
+  // Sets X_target_source = inverse(X_ancestor_target) * X_ancestor_source. Returns the longest gap,
+  // as compose() does. Requires at least one link.
+  ZTF_ALWAYS_INLINE static Stamp compose_chain(const Chain& chain, Pose& pose) noexcept {
+    const Stamp gap = chain.source.empty() ? 0 : compose(chain.source, pose);
+    if (chain.target.empty()) return gap;
     Pose from_target;
-    compose(chain.target, from_target);
+    const Stamp target_gap = compose(chain.target, from_target);
     pose = chain.source.empty() ? inverse(from_target) : inverse(from_target) * pose;
+    return std::max(gap, target_gap);
   }
 
   static bool report_unknown(FrameId target, FrameId source, Answer& a) {

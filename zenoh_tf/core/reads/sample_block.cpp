@@ -2,6 +2,7 @@
 #include "reads/sample_block.hpp"
 
 #include "histories/four_samples.hpp"
+#include "histories/gap.hpp"
 
 namespace ztf {
 
@@ -17,10 +18,28 @@ ZTF_MULTIVERSION void SampleBlock::compose_link(const Frame& frame, Ring ring, b
     const Stamp time = queries_[std::min(row, queries_.size() - 1)].stamp;
     if (!cursor.find(time, intervals[row])) unanswered_[row] = true;
   }
+  // With a limit every interval is compared with it.
+  const double rate = queries_[0].max_gap < 0 ? rate_for_gaps(frame) : 1e300;
+  const Double4 rates{rate, rate, rate, rate};
   for (std::size_t quad = 0; quad < quads(); ++quad) {
     const SampleInterval* const four = &intervals[4 * quad];
-    const Pose4 pose = interpolate(four[0], four[1], four[2], four[3]);
+    Double4 over;
+    const Pose4 pose = interpolate(four[0], four[1], four[2], four[3], over);
+    if (may_be_gap(over, rates)) [[unlikely]]
+      find_gaps(frame, quad, {over[0], over[1], over[2], over[3]});
     poses[quad] = is_first ? pose : pose * poses[quad];
+  }
+}
+
+// The slow path of finding gaps, for four rows of a link. A row over the limit stays unanswered.
+[[gnu::noinline]] void SampleBlock::find_gaps(const Frame& frame, std::size_t quad,
+                                              const double (&intervals)[4]) noexcept {
+  const Stamp limit = queries_[0].max_gap;
+  for (std::size_t i = 0; i < 4 && 4 * quad + i < queries_.size(); ++i) {
+    const std::size_t row = 4 * quad + i;
+    const auto interval = static_cast<Stamp>(std::min(intervals[i], 9e18));
+    if (exceeds(frame, interval, limit)) unanswered_[row] = true;
+    if (interval > answers_[row].gap && is_gap(frame, intervals[i])) answers_[row].gap = interval;
   }
 }
 
@@ -33,6 +52,7 @@ void SampleBlock::compose_segment(const PathSegment& steps, std::span<const Ring
 ZTF_MULTIVERSION void SampleBlock::compute(const Chain& chain, std::span<const Ring> source_rings,
                                            std::span<const Ring> target_rings) noexcept {
   unanswered_.fill(false);
+  for (std::size_t row = 0; row < queries_.size(); ++row) answers_[row].gap = 0;
   ascending_ = std::is_sorted(queries_.begin(), queries_.end(),
                               [](const Query& a, const Query& b) { return a.stamp < b.stamp; });
   Poses poses, from_target;

@@ -21,15 +21,15 @@ class SampleBlock {
  public:
   static constexpr std::size_t kRows = 64;
 
-  // Requires 1 to kRows queries `at` with the same target and the same source.
+  // Requires 1 to kRows queries `at` with the same target, source and limit of gaps.
   SampleBlock(std::span<const Query> queries, std::span<Answer> answers) noexcept
       : queries_(queries), answers_(answers) {}
 
   [[nodiscard]] const Query& first() const noexcept { return queries_[0]; }
   [[nodiscard]] Answer& first_answer() const noexcept { return answers_[0]; }
 
-  // Answers the rows at whose time all links of the chain have a sample. Requires the ring of each
-  // frame of both segments.
+  // Answers the rows at whose time all links of the chain have a sample, and no gap is over the
+  // limit. Requires the ring of each frame of both segments.
   void compute(const Chain& chain, std::span<const Ring> source_rings,
                std::span<const Ring> target_rings) noexcept;
   void leave_unanswered() noexcept { unanswered_.fill(true); }
@@ -41,6 +41,7 @@ class SampleBlock {
 
   [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
   void compose_link(const Frame& frame, Ring ring, bool is_first, Poses& poses) noexcept;
+  void find_gaps(const Frame& frame, std::size_t quad, const double (&intervals)[4]) noexcept;
   void compose_segment(const PathSegment& steps, std::span<const Ring> rings,
                        Poses& poses) noexcept;
 

@@ -18,9 +18,10 @@ struct Twist {
 
 struct VelocityQuery {
   FrameId tracking, observation, reference, point_frame;  // 0 for an unknown frame
-  Stamp stamp;     // kNoStamp: the latest common time of tracking and observation
-  Stamp interval;  // ns, above 0
-  Vec3 point;      // in point_frame: the point of the body whose velocity is asked for
+  Stamp stamp;                  // kNoStamp: the latest common time of tracking and observation
+  Stamp interval;               // ns, above 0
+  Vec3 point;                   // in point_frame: the point of the body whose velocity is asked for
+  Stamp max_gap = kNoGapLimit;  // as of Query
 };
 
 struct VelocityAnswer {
@@ -31,6 +32,7 @@ struct VelocityAnswer {
   Leg leg;      // the lookup that failed
   Twist twist;  // in the axes of the reference frame
   Stamp stamp, start, end;
+  Stamp gap;  // ns, the longest gap that a pose was interpolated over
 };
 
 // The mean twist of a body that moves from pose `start` to pose `end` in that many seconds. Linear

@@ -19,7 +19,7 @@ from zenoh_tf.text.flag_values import size, whole
 from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
-from zenoh_tf_tools.cli.arguments import Commands, add_duration
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_max_gap
 from zenoh_tf_tools.errors import CommandError, keep_input
 
 #: Rows of one answer; 100 bytes each.
@@ -61,6 +61,7 @@ def add(commands: Commands) -> None:
         "{0} time of --every and --count, written as for --at (default: the {0} that all links "
         "can serve)",
     )
+    add_max_gap(query)
     form = query.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print comma-separated values")
     form.add_argument(
@@ -92,9 +93,10 @@ def _query(args: argparse.Namespace) -> int:
         return 0
     served = _range(tree, args.target, args.source)
     times = _times(args, range_ns or (0, 0), served)
-    array = tree.sample(args.target, args.source, times)
-    if not array.ok.any():
-        tree.lookup_transform(args.target, args.source, int(times[0]))  # raises the reason
+    pair, max_gap_s = (args.target, args.source), args.max_gap_s
+    array = tree.sample(*pair, times, max_gap_s=max_gap_s)
+    if not array.ok.any():  # raises the reason
+        tree.lookup_transform(*pair, int(times[0]), max_gap_s=max_gap_s)
     _print(args, array, static=served is None and args.at is None)
     return 0
 
@@ -179,8 +181,9 @@ def _rows(array: TransformArray) -> Iterator[tuple[Any, ...]]:
 
 
 def _answers(args: argparse.Namespace, array: TransformArray) -> Iterator[StampedTransform]:
-    for stamp_ns, transform in zip(array.stamps_ns.tolist(), array, strict=True):
-        yield StampedTransform(args.target, args.source, stamp_ns, transform)
+    stamps, gaps = array.stamps_ns.tolist(), array.gaps_ns.tolist()
+    for stamp_ns, gap_ns, transform in zip(stamps, gaps, array, strict=True):
+        yield StampedTransform(args.target, args.source, stamp_ns, transform, gap_ns=gap_ns)
 
 
 def _write_npz(path: Path, array: TransformArray) -> None:

@@ -13,7 +13,13 @@ from zenoh_tf import ServerUnavailable, StampedTransform, TransformException
 from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
-from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames, add_live_at
+from zenoh_tf_tools.cli.arguments import (
+    Commands,
+    add_duration,
+    add_frames,
+    add_live_at,
+    add_max_gap,
+)
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.quit_key import ends_on_q
 from zenoh_tf_tools.cli.tree import estimate
@@ -54,6 +60,7 @@ def add(commands: Commands) -> None:
         help="print the pose now and its error (zenoh-tf estimate)",
     )
     estimate.add_options(echo)
+    add_max_gap(echo)
     echo.add_argument("--count", metavar="N", type=whole(1), help="end after so many poses")
 
     wait = commands.add(
@@ -71,6 +78,8 @@ def add(commands: Commands) -> None:
 
 
 def _echo(args: argparse.Namespace) -> int:
+    if args.max_gap_s is not None and (args.on_change or args.estimate):
+        args.usage_error("--max-gap belongs to lookups: leave out --on-change and --estimate")
     show: Callable[..., None] = estimate.show_again if args.estimate else output.show_answer
     follow = _changes if args.on_change else _repeated
     with connect(args) as tf, ends_on_q(), contextlib.closing(follow(tf, args)) as answers:
@@ -99,7 +108,7 @@ def _repeated(tf: TransformClient, args: argparse.Namespace) -> Generator[Any, N
 
 
 def _look_up(tf: TransformClient, args: argparse.Namespace) -> StampedTransform:
-    return tf.lookup_transform(args.target, args.source)
+    return tf.lookup_transform(args.target, args.source, max_gap_s=args.max_gap_s)
 
 
 def _changes(tf: TransformClient, args: argparse.Namespace) -> Generator[Any, None, None]:

@@ -12,6 +12,7 @@ from zenoh_tf_tools.cli.arguments import (
     Commands,
     add_duration,
     add_frames,
+    add_max_gap,
 )
 from zenoh_tf_tools.cli.connection import connect
 
@@ -31,6 +32,7 @@ def add(commands: Commands) -> None:
     recorded.add_optional_file(lookup)
     add_frames(lookup)
     recorded.add_at(lookup)
+    add_max_gap(lookup)
 
     latest = commands.add(
         "latest",
@@ -76,12 +78,15 @@ def _lookup(args: argparse.Namespace) -> int:
         time = recorded.time_at(args, recorded_time)
         tree, range_ns = recorded.loaded(args)
         stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
-        answer = tree.lookup_transform(args.target, args.source, stamp_ns)
+        answer = tree.lookup_transform(
+            args.target, args.source, stamp_ns, max_gap_s=args.max_gap_s
+        )
         output.show_answer(args, tree, answer)
         return 0
     stamp_ns = recorded.time_at(args, live_time)
     with connect(args) as tf:
-        output.show_answer(args, tf, tf.lookup_transform(args.target, args.source, stamp_ns))
+        answer = tf.lookup_transform(args.target, args.source, stamp_ns, max_gap_s=args.max_gap_s)
+        output.show_answer(args, tf, answer)
     return 0
 
 
