@@ -346,22 +346,28 @@ class Tree(_Reads[Never]):
         authority: str = "",
         static: bool = False,
         drop_old: bool = False,  # True: too old rows are dropped; False: they refuse the whole
+        drop_bad: bool = False,  # True: bad rows are refused; False: they refuse the whole
+        drop_strays: bool = False,  # with drop_bad: refuse what is far ahead, unless it continues
         read_names: Sequence[str] = (),
         read_versions: NDArray[np.uint64] | None = None,  # moved: TransactionConflict
         # time.monotonic_ns(), read under the locks: later, TimeoutException and nothing is written
         expires_ns: int | None = None,
         # A later dynamic row: InvalidArgumentException, field "stamp"; with drop_old it is dropped.
         max_stamp_ns: int | None = None,
-    ) -> bytes: ...  # of each row: 1 stored, 0 dropped as too old, 2 dropped as from the future
-    # Dynamic puts, each a transaction of its own, as `_commit_rows` with drop_old, in their order
-    # and without the interpreter lock. Of each: None, all rows are stored; what `_commit_rows`
-    # returns; or the error that refused it.
+    ) -> bytes: ...  # of each row what became of it: zenoh_tf/admission.py has the numbers
+    # Dynamic puts, each a transaction of its own, as `_commit_rows` with drop_old and drop_bad, in
+    # their order and without the interpreter lock. Of each: None, all rows are stored; what
+    # `_commit_rows` returns; or the error that refused it.
     def _commit_puts(
         self,
         rows: list[TransformRows],
         authorities: list[str],
         max_stamps_ns: Sequence[int | None],
+        drop_strays: Sequence[bool] | None = None,  # None: all
     ) -> list[bytes | Exception | None]: ...
+    # Why `_commit_rows` or `_commit_puts` refused rows: an error for each frame and reason, of the
+    # first so many.
+    def _refusals(self, rows: TransformRows, stored: bytes) -> list[Any]: ...  # exceptions
     def _clear(self, keep_static: bool, expires_ns: int) -> None: ...  # expires as _commit_rows
     def _reset(self, expires_ns: int) -> None: ...
     def _remove_frame(self, name: str, subtree: bool, expires_ns: int) -> None: ...

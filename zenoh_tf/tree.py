@@ -56,7 +56,8 @@ class TransformTree(TreeEstimates):
             cache time. `"reject"`: it is late, so it is dropped or rejected. `"clear"`: so it is,
             but if a second, newer one follows it within the cache time, with no other one in
             between, time was set back, as simulators do: the link's history is cleared, and the
-            second one is stored. A jump back by less looks like a late transform. In both cases
+            second one is stored; back by more than a day it is another clock, and takes 10 of
+            them, or 5 s. A jump back by less looks like a late transform. In both cases
             a history that ends ahead of the real-time clock by more than the cache time is
             cleared so, too.
         max_memory_bytes: Most bytes of all samples together; a write that needs more raises

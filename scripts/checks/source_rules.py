@@ -45,6 +45,7 @@ LARGE_FOLDERS = {
     "docs/explanation/decisions": "one record for each decision",
     "docs/how-to": "one page for each task",
     "tests/field": "one file for each part of the product that reports are about",
+    "zenoh_tf/core/commits": "one file for each step of a commit",
     "zenoh_tf": "one file for each class of the library",
 }
 MAX_LINES = 400

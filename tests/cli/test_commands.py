@@ -262,6 +262,7 @@ def test_authorities(run: Run) -> None:
         "clock_offset_min_s": None,
         "clock_offset_max_s": None,
         "stamp_age_s": None,
+        "refused_by_reason": {},
     }
     assert (by_name["wheels"]["frames"], by_name["wheels"]["commits"]) == (1, 2)
     header, *lines = succeeds(run("authorities")).splitlines()

@@ -76,15 +76,12 @@ def test_histories_are_whole_and_in_order() -> None:
         assert tree.frame(f"r/part{number}").samples == (1 if number % 4 == 0 else 700)
 
 
-def test_a_refused_put_is_committed_frame_by_frame() -> None:
+def test_a_first_copy_is_history_that_its_own_server_has_admitted() -> None:
     robot, _ = rows_of()
     [put] = robot.of_frames(frames(3, samples=5))
-    assert put.parts is not None
-    parts = put.parts(put)
-    assert [children_of(part) for part in parts] == [
-        [f"r/part{number}"] * 5 for number in range(1, 4)
-    ]
-    assert all(part.parts is None and part.authority == "r:wheels" for part in parts)
+    assert put.is_history and put.is_relayed
+    [put] = robot.of_changes(changes(("map", "part1", "wheels")))
+    assert put.is_relayed and not put.is_history
 
 
 def changes(*samples: tuple[str, str, str], static: bool = False, stamp: int = 1) -> wire.Changes:

@@ -170,11 +170,12 @@ def test_a_refused_put_harms_no_other_of_its_turn(made: Committer) -> None:
         put_of("a", message(("map", "three", 1))),
         put_of("b", message(("map", "four", 1))),
     )
-    assert set(made.tree.frames()) == {"map", "one", "three", "four"}
+    assert set(made.tree.frames()) == {"map", "one", "two", "three", "four"}
     counters = made.service.puts
-    assert (counters.puts, counters.put_transforms, counters.bad_puts) == (3, 3, 3)
+    assert (counters.puts, counters.put_transforms, counters.bad_puts) == (4, 4, 2)
     record = made.record("a")
-    assert (record["refused"], record["stored"]) == (1 + 2 + 1, 2)
+    assert (record["refused"], record["stored"]) == (1 + 1 + 1, 3)
+    assert record["refused_by_reason"] == {"message": 1, "cycle": 1, "long_name": 1}
     assert made.record("b")["refused"] == 0
     assert "LimitExceeded" in record["last_refusal"]
 
@@ -191,12 +192,16 @@ def test_puts_of_an_authority_keep_their_order_over_kinds(made: Committer) -> No
     assert info.samples == 1 and made.service.puts.puts == 30
 
 
-def test_parts_are_committed_before_what_follows_them(made: Committer) -> None:
-    whole = put_of("a", rows(("map", "base", 1), ("map", "map", 1)))
-    whole.parts = lambda put: [put_of("a", put.payload[n : n + 1]) for n in range(2)]
-    made.run(put_of("a", message(("map", "old", 1))), whole, put_of("a", rows(("odom", "base", 2))))
-    assert made.tree.frame("base").reparented == 1
-    assert (made.service.puts.puts, made.service.puts.bad_puts) == (3, 1)
+def test_a_bad_row_costs_itself(made: Committer) -> None:
+    mixed = put_of("a", rows(("map", "base", 1), ("map", "map", 1)))
+    bad = put_of("a", message(("", "base", 2)))
+    made.run(put_of("a", message(("map", "old", 1))), mixed, bad, put_of("a", rows(("m", "n", 2))))
+    assert sorted(made.tree.frames()) == ["base", "m", "map", "n", "old"]
+    counters = made.service.puts
+    assert (counters.puts, counters.put_transforms, counters.bad_puts) == (3, 3, 1)
+    assert made.record("a")["refused_by_reason"] == {"own_parent": 1, "empty_name": 1}
+    assert "'base'" in made.record("a")["last_refusal"]
+    assert made.tree.stats()["commits"] == 3
 
 
 def test_rows_that_are_too_old_or_from_the_future_are_counted(made: Committer) -> None:
@@ -244,5 +249,5 @@ def test_commit_puts_checks_its_arguments() -> None:
     tree = TransformTree()
     with pytest.raises(InvalidArgumentException):
         tree._commit_puts([rows(("map", "base", 1))], [], [None])
-    (outcome,) = tree._commit_puts([rows(("map", "x" * 300, 1))], ["a"], [None])
+    (outcome,) = tree._commit_puts([rows(("map", "x" * 300, 1))], ["a" * 300], [None])
     assert isinstance(outcome, LimitExceeded)

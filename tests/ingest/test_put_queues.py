@@ -168,7 +168,7 @@ def test_static_puts_and_first_copies_are_never_stale() -> None:
     for number in range(2):
         tested.add(queued("late", number, 0.0))
     copy = queued("copy", 0, 0.0)
-    copy.parts = lambda of: [of]
+    copy.is_history = True
     for each in (copy, queued("copy", 1, 0.0)):
         tested.add(each)
     for number in range(6):

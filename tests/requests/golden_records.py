@@ -37,6 +37,7 @@ AUTHORITY = {
     **{"name": "lidar", "frames": 1, "commits": 2, "stored": 3, "dropped": 0, "rewritten": 1},
     **{"conflicts": 0, "refused": 1, "last_refusal": "why", "dropped_by_queue": 0},
     **{"clock_offset_min_s": -0.5, "clock_offset_max_s": 0.25, "stamp_age_s": None},
+    "refused_by_reason": {"not_finite": 1},
 }
 CLIENT = {
     **{"client": "a1b2", "address": None, "clock_offset_min_s": -0.5, "clock_offset_max_s": 0.5},

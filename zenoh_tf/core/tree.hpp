@@ -116,6 +116,11 @@ class Tree : private TreeState {
   void commit(const CommitRequest& request, std::span<std::uint8_t> stored) {
     ztf::commit(*this, request, stored);
   }
+  // Returns why a commit has refused a row of its request (commits/commit.hpp).
+  [[nodiscard]] Rejected rejection_of(const CommitRequest& request, const Row& row,
+                                      std::uint8_t result) const {
+    return ztf::rejection_of(*this, request, row, result);
+  }
   void clear(bool keep_static, std::int64_t expires_ns = kNeverExpires) {
     ztf::clear(*this, keep_static, expires_ns);
   }

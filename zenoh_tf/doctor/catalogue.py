@@ -109,9 +109,11 @@ CATALOGUE: Final = (
     Fault(
         "TF106",
         "transforms that were refused",
-        "What this authority publishes is not stored: a number is not finite, a quaternion is not "
-        "of length 1, a link would close a loop, or a limit is reached.",
-        "The evidence has the reason of the last refusal, which names the frame.",
+        "Transforms of this authority are not stored: a number is not finite, a quaternion is not "
+        "of length 1, a frame id is empty, a link would close a loop, or a limit is reached. The "
+        "other transforms of its messages are stored.",
+        "The evidence has the reasons of the last refusal, which name the frames. `zenoh-tf "
+        "authorities --json` counts the transforms by reason.",
         publishers.refused,
     ),
     Fault(
@@ -177,8 +179,9 @@ CATALOGUE: Final = (
     Fault(
         "TF205",
         "time was set back",
-        "Stamps jumped back by more than the cache time, and the link's history was cleared. A "
-        "simulator was reset, or a clock was corrected.",
+        "Stamps jumped back by more than the cache time, or went on far ahead, as of another "
+        "clock, and the link's history was cleared. A simulator was reset, or a clock was "
+        "corrected.",
         "Nothing, if that was meant. Else see docs/explanation/clocks.md.",
         clocks.time_jumps,
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from typing import Final
@@ -25,6 +26,10 @@ _REPEATED_PART: Final = 0.01
 _BURSTS: Final = 3
 #: And if the pauses are this part of the time from the first to the last.
 _BURSTS_PART: Final = 0.25
+#: The frame and the stamp in the reason of a refused stray (core/commits/commit.cpp).
+_STRAY: Final = re.compile(
+    r"transform of child '(.+?)' in parent [^;]*?: the stamp (\d+) ns is far"
+)
 
 
 def skewed_clock(facts: TreeFacts) -> Evidence:
@@ -64,6 +69,7 @@ def future_stamps(facts: TreeFacts) -> Evidence:
     reference, by_clock = facts.reference
     if not by_clock:
         return
+    refused = refused_ahead(facts)
     for link in facts.dynamic:
         lead_ns = (link.frame.newest_stamp_ns or 0) - reference
         timing = None if link.seen is None else link.seen.timing
@@ -73,6 +79,10 @@ def future_stamps(facts: TreeFacts) -> Evidence:
                 f"{timing.strays:,} of its {samples(timing.arrivals)} had a stamp far from those "
                 f"before and after it, {age(timing.stray_lead_ns)} ahead of the clock",
             )
+        elif link.frame.name in refused:
+            yield by_publisher(
+                link, f"a stamp was {age(refused[link.frame.name])} ahead of the clock, and refused"
+            )
         elif (stray := _cleared_stray(facts, link)) is not None:
             yield by_publisher(link, stray)
         elif (
@@ -81,6 +91,23 @@ def future_stamps(facts: TreeFacts) -> Evidence:
             and not _is_post_dated(facts, link)
         ):
             yield by_publisher(link, f"its newest stamp is {age(lead_ns)} ahead of the clock")
+
+
+def refused_ahead(facts: TreeFacts) -> dict[str, int]:
+    """Return by frame how far ahead of the clock the stamps are that a server refused last as
+    strays, in nanoseconds; without those that the clock has passed.
+
+    Args:
+        facts: What is known about the tree.
+    """
+    reference, by_clock = facts.reference
+    found: dict[str, int] = {}
+    for publisher in facts.authorities if by_clock else ():
+        for name, stamp in _STRAY.findall(publisher.last_refusal or ""):
+            lead_ns = int(stamp) - reference
+            if lead_ns > AHEAD_S * 1e9:
+                found[name] = max(found.get(name, 0), lead_ns)
+    return found
 
 
 def repeated_stamps(facts: TreeFacts) -> Evidence:
@@ -111,10 +138,12 @@ def time_jumps(facts: TreeFacts) -> Evidence:
         count = facts.count(link, "time_jumps")
         jump = link.frame.last_time_jump
         if count or (jump is not None and facts.ago_s(jump.at_ns) is not None):
+            newest_ns = link.frame.newest_stamp_ns or 0
+            is_ahead = jump is not None and newest_ns - jump.newest_stamp_ns > CLOCK_RANGE_S * 1e9
             yield (
                 link.frame.name,
-                f"its history was cleared {times(count or link.frame.time_jumps)} as time was set "
-                "back",
+                f"its history was cleared {times(count or link.frame.time_jumps)} as time "
+                + ("jumped ahead" if is_ahead else "was set back"),
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from zenoh_tf.doctor.clocks import refused_ahead
 from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
 from zenoh_tf.doctor.takeovers import takeovers
 from zenoh_tf.doctor.words import Evidence, authority, listed, samples, times, window
@@ -159,9 +160,13 @@ def gaps(facts: TreeFacts) -> Evidence:
 
 
 def refused(facts: TreeFacts) -> Evidence:
+    ahead = refused_ahead(facts)  # TF202 has them
     before = {known.name: known.refused for known in facts.authorities_before}
     for publisher in facts.authorities:
         reason = publisher.last_refusal or ""
+        frames = re.findall(r"child '([^']+)'", reason)
+        if frames and ahead.keys() >= set(frames):
+            continue
         grown = publisher.refused - before.get(publisher.name, 0)
         # A static link is sent once: what was refused before is missing still.
         is_missing = any(name not in facts.frames for name in re.findall(r"'([^']+)'", reason))

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from zenoh_tf import admission
 from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
 from zenoh_tf.doctor.observation import Observation
-from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf.tree import TransformTree
 
 from .._core import TransformRows
@@ -111,16 +111,10 @@ class RecordedFacts:
         return TreeFacts(links, last_ns, observed_s, authorities, is_complete=True)
 
     def _commit(self, topic: str, static: bool, rows: TransformRows) -> None:
-        try:
-            self._commit_rows(topic, static, rows)
-        except (InvalidArgumentException, LimitExceeded):
-            # One row makes the tree reject all of them.
-            for row in range(len(rows)):
-                try:
-                    self._commit_rows(topic, static, rows[row : row + 1])
-                except (InvalidArgumentException, LimitExceeded) as error:
-                    self._refused[topic] += 1
-                    self._last_refusal[topic] = str(error)
-
-    def _commit_rows(self, topic: str, static: bool, rows: TransformRows) -> None:
-        self._tree._commit_rows(rows, authority=topic, static=static, drop_old=True)
+        stored = self._tree._commit_rows(
+            rows, authority=topic, static=static, drop_old=True, drop_bad=True
+        )
+        refused = admission.refused(self._tree, rows, stored)
+        if refused is not None:
+            self._refused[topic] += refused.total
+            self._last_refusal[topic] = refused.reason

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, Self
 
@@ -117,11 +117,11 @@ class FrameInfo:
         reparented: Changes of the newest parent.
         switched: Changes between static and dynamic.
         authority_changes: Changes of the authority.
-        time_jumps: Times that the history was cleared because time was set back.
+        time_jumps: Times that the history started over because time was set back, or jumped ahead.
         last_change: The latest of these three kinds of change; ``None`` if there was none.
         last_replacement: The last time that a static value was replaced by another one; ``None``
             if none was since the link was cleared.
-        last_time_jump: The last of the times that the history was cleared so; ``None`` if there
+        last_time_jump: The last of the times that the history started over; ``None`` if there
             was none since the link was cleared.
         late_failures: Lookups by query that failed because they asked for a time before the link's
             sample had come; always 0 for an embedded tree.
@@ -214,11 +214,11 @@ class AuthorityInfo:
         dropped: Transforms in them that were older than the cache time, and dropped.
         rewritten: Stored transforms that replaced a sample at an equal stamp.
         conflicts: Times that it took over a frame which another authority had written.
-        refused: Transforms in published messages that the server refused; a message that it
-            could not parse counts as one. A refused call raises an error and is not counted,
-            so this is always 0 for an embedded tree.
-        last_refusal: Why the server refused the last of these messages; ``None``: none was since
-            the tree was reset.
+        refused: Transforms in published messages that the server refused, while it stored the
+            others of these messages; a message that it could not parse counts as one. A refused
+            call raises an error and is not counted, so this is always 0 for an embedded tree.
+        last_refusal: Why the server refused the last of these transforms, with their frames;
+            ``None``: it has refused none since the tree was reset.
         dropped_by_queue: Published messages that the server dropped because too many of this
             authority were waiting, or had waited for too long.
         clock_offset_min_s: Least of its stamps' lead over their arrival at the server, over the
@@ -228,6 +228,8 @@ class AuthorityInfo:
         stamp_age_s: How old the newest stamp of its last message was on arrival.
         mirror_lost_s: Of a robot whose tree the server mirrors (``--mirror-of``): for how many
             seconds nothing has come from its server. ``None``: it is connected, or no such robot's.
+        refused_by_reason: The transforms of ``refused`` by reason, such as ``not_finite`` or
+            ``empty_name``; the documentation of the metrics lists all.
     """
 
     name: str
@@ -244,6 +246,7 @@ class AuthorityInfo:
     clock_offset_max_s: float | None = None
     stamp_age_s: float | None = None
     mirror_lost_s: float | None = None
+    refused_by_reason: Mapping[str, int] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, Literal
 
+from zenoh_tf import admission
+
 PREFIX: Final = "zenoh_tf_"
 
 Kind = Literal["counter", "gauge", "histogram"]
@@ -74,7 +76,7 @@ _STATS: Final = (
         key="from_future",
     ),
     _counter("samples_evicted", "samples removed because a link's history was full", key="evicted"),
-    _counter("time_jumps", "times that the clock was seen to be set back"),
+    _counter("time_jumps", "times that a link's clock was set back, or jumped ahead"),
     _counter("flagged_as_future", "published transforms stored although they are from the future"),
     _counter(
         "puts_dropped",
@@ -209,7 +211,18 @@ FROM_ROBOTS: Final[dict[str, Metric]] = {
 NOT_SUMMED: Final = frozenset({"clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"})
 
 #: Fields of an authority's record that are no metrics.
-AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset({"name", "last_refusal"})
+AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset(
+    {"name", "last_refusal", "refused_by_reason"}
+)
+
+#: Of `stats` "refused/" and the reason.
+REFUSED: Final = Metric(
+    "put_transforms_refused_total",
+    "counter",
+    "published transforms refused, by reason: "
+    + ", ".join(f"`{reason}`" for reason in admission.ALL_REASONS),
+    ("reason",),
+)
 
 REQUESTS: Final = Metric(
     "requests_total",
@@ -245,7 +258,7 @@ BUILD: Final = Metric(
     ("version", "python", "zenoh", "tree", "server_instance"),
 )
 OTHERS: Final = (
-    *(REQUESTS, DURATION, LIMIT, CLIENTS, CLIENT_AHEAD, CLIENT_BEHIND, THREADS),
+    *(REFUSED, REQUESTS, DURATION, LIMIT, CLIENTS, CLIENT_AHEAD, CLIENT_BEHIND, THREADS),
     *(READY, HEALTHY, PROBE, BUILD),
 )
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
+from .. import admission
 from .._core import TransformRows
-from ..errors import InvalidArgumentException, LimitExceeded
+from ..errors import LimitExceeded
 from ..text.times import seconds
 from ..wire import commit_parts
 from .errors import RecordingError
@@ -23,8 +26,8 @@ OPTIONS: Final[dict[str, Any]] = {"cache_time_s": 1e9, "max_samples_per_frame": 
 #: Stamps further from the times of the log are of another clock, such as a simulation's.
 _OTHER_CLOCK_NS: Final = 60 * 10**9
 
-#: Limits that no other row would keep either.
-_FULL: Final = ("max_memory", "max_frames")
+#: Limits that no other row would keep either, as reasons and as fields of errors.
+_FULL: Final = ("memory_limit", "frame_limit", "max_memory", "max_frames")
 
 
 def load(
@@ -33,6 +36,7 @@ def load(
     on_messages: Callable[[int], None] | None = None,
     until_ns: int | None = None,
     since_ns: int | None = None,
+    drop_strays: bool = False,
 ) -> None:
     """Commit all messages of a recording; what no tree accepts is left out and counted.
 
@@ -43,6 +47,8 @@ def load(
         until_ns: Leave out what was recorded later, in nanoseconds, so that the tree knows what a
             live one knew at that time, which is "now" for its estimates; None for nothing.
         since_ns: As of `Recording.blocks`.
+        drop_strays: Leave out samples of another clock, as a server does. Needs a tree with a long
+            history.
 
     Raises:
         RecordingError: The recording is damaged, or has no transforms by then, or its log has
@@ -51,7 +57,7 @@ def load(
     """
     done = 0
     for block in recording.blocks(until_ns, since_ns):
-        for _ in valid_commits(recording, tree, block.rows, block.static):
+        for _ in valid_commits(recording, tree, block.rows, block.static, drop_strays):
             pass
         done += block.messages
         if on_messages is not None:
@@ -75,39 +81,45 @@ def _check_clock(recording: Recording) -> None:
 
 
 def valid_commits(
-    recording: Recording, tree: TransformTree, rows: TransformRows, static: bool
+    recording: Recording,
+    tree: TransformTree,
+    rows: TransformRows,
+    static: bool,
+    drop_strays: bool = False,
 ) -> Iterator[TransformRows]:
-    """Commit rows in as many commits as it needs, without the rows that the tree rejects, which
-    the recording counts. Yields the rows of each commit."""
+    """Commit rows in as many commits as it needs, without the rows that the tree refuses, which
+    the recording counts. Yields the rows of each commit. `drop_strays`: refuse those of another
+    clock, too."""
     for commit in commit_parts(rows):
-        valid = 0
-        for part in _commit_valid(tree, commit, static):
-            valid += len(part)
-            if not static:
-                first_ns, last_ns = int(part.stamp.min()), int(part.stamp.max())
-                known = recording.range_ns or (first_ns, last_ns)
-                recording.range_ns = min(known[0], first_ns), max(known[1], last_ns)
-            yield part
-        recording.skipped += len(commit) - valid
+        stored = tree._commit_rows(
+            commit, static=static, drop_old=True, drop_bad=True, drop_strays=drop_strays
+        )
+        if admission.refused(tree, commit, stored) is not None:
+            commit = _without_refused(recording, tree, commit, stored)  # noqa: PLW2901
+        if not len(commit):
+            continue
+        if not static:
+            first_ns, last_ns = int(commit.stamp.min()), int(commit.stamp.max())
+            known = recording.range_ns or (first_ns, last_ns)
+            recording.range_ns = min(known[0], first_ns), max(known[1], last_ns)
+        yield commit
 
 
-def _commit_valid(
-    tree: TransformTree, rows: TransformRows, static: bool
-) -> Iterator[TransformRows]:
-    """Commit rows at one instant, without those that the tree rejects.
+def _without_refused(
+    recording: Recording, tree: TransformTree, rows: TransformRows, stored: bytes
+) -> TransformRows:
+    """Return the rows that the tree has not refused, and count the others.
 
-    Only the tree knows what it rejects: the rows are halved until the bad ones are alone.
+    Raises:
+        LimitExceeded: The tree is full.
     """
-    count = len(rows)
-    if not count:
-        return
-    try:
-        tree._commit_rows(rows, static=static, drop_old=True)
-    except (InvalidArgumentException, LimitExceeded) as error:
-        if error.field in _FULL:
-            raise
-        if count > 1:
-            yield from _commit_valid(tree, rows[: count // 2], static)
-            yield from _commit_valid(tree, rows[count // 2 :], static)
-    else:
-        yield rows
+    results = np.frombuffer(stored, np.uint8)
+    refused = np.flatnonzero(results > admission.FROM_FUTURE)
+    for row in map(int, refused):
+        if not recording.skipped or admission.REASONS[stored[row]] in _FULL:
+            error = tree._refusals(rows[row : row + 1], stored[row : row + 1])[0]
+            if isinstance(error, LimitExceeded) and error.field in _FULL:
+                raise error
+            recording.first_skipped = str(error)
+        recording.skipped += 1
+    return rows[np.flatnonzero(results <= admission.FROM_FUTURE)]

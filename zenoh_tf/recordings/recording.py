@@ -84,6 +84,7 @@ class Recording:
         #: Transforms that no tree accepts so far, such as NaN or a frame in itself. The reader of
         #: the messages counts them.
         self.skipped = 0
+        self.first_skipped = ""  # what was wrong with the first of them
         #: The first and last stamp of the dynamic transforms so far that a tree accepts; None
         #: without one. The reader of the messages sets it.
         self.range_ns: tuple[int, int] | None = None
@@ -229,7 +230,10 @@ class Recording:
                 f"{self.malformed:,} messages skipped, which cannot be decoded ({self.first_fault})"
             )
         if self.skipped:
-            found.append(f"{self.skipped:,} transforms skipped, which are not valid")
+            found.append(
+                f"{self.skipped:,} transforms skipped, which are not valid, such as: "
+                f"{self.first_skipped}"
+            )
         if missing := self._chosen.missing():
             found.append(
                 f"no such topic with transforms or poses: {', '.join(map(quoted, missing))}"

@@ -74,6 +74,8 @@ class Commit:
     read_versions: NDArray[np.uint64] | None = None  # if one has changed: TransactionConflict
     expires_ns: int | None = None  # on the server's clock; it is not sent here but with `Write`
     max_stamp_ns: int | None = None  # of a put, not sent: later dynamic rows are dropped
+    drop_bad: bool = False  # of a put, not sent: refuse bad rows alone; else they fail the commit
+    drop_strays: bool = False  # of a put, not sent: refuse dynamic rows of another clock
 
 
 def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:

@@ -107,7 +107,11 @@ def _record(
 ) -> dict[str, Any]:
     """Return the fields of a record that this client knows: a newer server may send more. Fields
     that do not apply are left out, and have their defaults."""
-    required = {entry.name for entry in fields(kind) if entry.default is MISSING}
+    required = {
+        entry.name
+        for entry in fields(kind)
+        if entry.default is MISSING and entry.default_factory is MISSING
+    }
     if type(value) is not dict or not required <= value.keys():
         raise ProtocolError(
             f"the {kind.__name__} in the reply lacks some of the fields {sorted(required)}",

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import zenoh
 
-from zenoh_tf import TransformTree, threads, wire
+from zenoh_tf import TransformTree, admission, threads, wire
 from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import TransformException
@@ -276,7 +276,7 @@ class Robot:
     def _refuse(self, authority: str, rows: int, error: TransformException) -> None:
         """Count and log rows of frames above the robot's quota."""
         reason = f"{type(error).__name__}: {error}"
-        self._refusals.refuse(authority, rows, reason)
+        self._refusals.refuse(authority, {admission.QUOTA: rows}, reason)
         self._quota_log.warn(f"robot {self.name!r}", reason)
 
     def _on_copy(self, tree: TransformTree | None, instance: str) -> None:

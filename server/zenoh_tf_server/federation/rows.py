@@ -27,7 +27,7 @@ from .quota import FrameQuota
 
 #: Rows of one put: about 80 kB.
 _MAX_ROWS: Final = 1024
-#: Frames of one put of a first copy. If it is refused, each of them is a transaction of its own.
+#: Frames of one put of a first copy: it keeps the locks of all of them.
 _MAX_FRAMES: Final = 128
 
 #: Called with refused rows: an authority, how many, and why.
@@ -73,8 +73,7 @@ class Rows:
         self._last: _Shape | None = None
 
     def of_frames(self, frames: wire.Frames) -> Iterator[Put]:
-        """Puts of frames with their histories, many frames in each. If one is refused, its frames
-        are committed one by one: so one that cannot be stored here keeps no other one back."""
+        """Puts of frames with their histories, many frames in each."""
         yield from self._of_copy(self._renamed(wire.samples_of_frames(frames)))
 
     def of_changes(self, changes: wire.Changes, *, is_copy: bool = False) -> Iterator[Put]:
@@ -90,7 +89,9 @@ class Rows:
             rows = TransformRows(
                 last.names, last.parent, last.child, stamp[last.chosen], pose[last.chosen]
             )
-            yield Put.of_rows(last.authority, last.static, rows, time.time_ns())
+            put = Put.of_rows(last.authority, last.static, rows, time.time_ns())
+            put.is_relayed = True
+            yield put
             return
         self.removals += int(np.isin(kind, (CLEARED, REMOVED)).sum())
         samples = self._renamed(wire.samples_of_changes(changes))
@@ -162,8 +163,7 @@ class Rows:
             for block in wire.commit_parts(rows[begin:end]):
                 for part in self._parts(block, each_frame):
                     put = Put.of_rows(name, bool(static[begin]), part, now_ns)
-                    if each_frame:
-                        put.parts = _one_by_one
+                    put.is_relayed, put.is_history = True, each_frame
                     yield put
 
     def _parts(self, rows: TransformRows, each_frame: bool) -> Iterator[TransformRows]:
@@ -182,12 +182,3 @@ class Rows:
 def _frame_bounds(rows: TransformRows) -> list[int]:
     """The numbers of rows before which another frame begins, and their end."""
     return [0, *(np.flatnonzero(np.diff(rows.child)) + 1).tolist(), len(rows)]
-
-
-def _one_by_one(put: Put) -> list[Put]:
-    """A put for each frame of one that was refused."""
-    rows: TransformRows = put.payload
-    return [
-        Put.of_rows(put.authority, put.static, rows[begin:end], put.arrival_ns)
-        for begin, end in pairwise(_frame_bounds(rows))
-    ]

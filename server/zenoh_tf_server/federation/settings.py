@@ -27,6 +27,8 @@ _NAME: Final = re.compile(r"[^/:=,\x00-\x20\x7f]+")
 _PATTERN: Final = re.compile(
     r"(?P<before>[^*=,]*)\*(?P<after>[^*=,]*)(?P<options>(?:,[^,=]+=[^,]*)*)"
 )
+#: A ':' alone, without a '\' before it: names may have '::', as those of Gazebo.
+_BETWEEN_FRAMES: Final = re.compile(r"(?<![:\\]):(?!:)")
 #: A robot has at most so many frames.
 _MAX_FRAMES: Final = 10**9 - 1
 
@@ -167,9 +169,10 @@ def _share(options: str) -> Share:
 
 def _path_ends(text: str) -> list[tuple[str, str]]:
     """The pairs of neighbours in a list of frames, whose paths join all of them."""
-    names = text.split(":")
+    names = [name.replace("\\:", ":") for name in _BETWEEN_FRAMES.split(text)]
     if len(names) < 2 or not all(names):
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a list of two or more frames, as in map:base_link"
+            f"{quoted(text)} is not a list of two or more frames, as in map:base_link; '::' is "
+            "part of a name, and a single ':' in a name is written '\\:'"
         )
     return list(pairwise(names))

@@ -1,4 +1,6 @@
-"""Commits the puts of a turn: each is one transaction, and a refused one harms no other.
+"""Commits the puts of a turn: each at one instant, and a refused one harms no other.
+
+Of a put every good row is stored, as tf2 does; the others are counted by reason, and named.
 
 The messages of a turn are decoded in one native call and committed in another, without the
 interpreter lock. Python sees what became of each put.
@@ -15,9 +17,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from zenoh_tf import wire
+from zenoh_tf import admission, wire
 from zenoh_tf._core import TransformRows, decode_puts
-from zenoh_tf.errors import TransformException
 from zenoh_tf.text import quoted
 
 from ..limits import Limits
@@ -27,11 +28,9 @@ from .future_stamps import FutureStamps
 from .put_queues import Put, Turn
 from .refusals import Refusals
 
-#: What became of a row: dropped as too old, stored, dropped as later than its `max_stamp_ns`.
-_TOO_OLD, _STORED, _FROM_FUTURE = range(3)
-#: What became of a put. None: all rows are stored. Bytes: what became of each row. Else why none is
-#: stored.
-Outcome: TypeAlias = bytes | Exception | None
+#: What became of a put. None: all rows are stored. Bytes: what became of each row
+#: (zenoh_tf/admission.py), if none is refused. Refused: the same, and why. Else why none is stored.
+Outcome: TypeAlias = bytes | admission.Refused | Exception | None
 
 
 @dataclass(slots=True)
@@ -93,11 +92,9 @@ class PutCommits:
 
     def refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
         """Count and log a refused put. `authority`: None if the key has none."""
-        field = error.field if isinstance(error, TransformException) else None
-        where = f" (field {field})" if field else ""
-        reason = f"{type(error).__name__}: {error}{where}"
+        reason = admission.described(error)
         if authority is not None:
-            self._refusals.refuse(authority, transforms, reason)
+            self._refusals.refuse(authority, {admission.MESSAGE: transforms}, reason)
         self._log.warn(f"put of {quoted(key if authority is None else authority)}", reason)
         with self._lock:  # last: a client that sees the count finds the reason as well
             self._counters.bad_puts += 1
@@ -142,22 +139,23 @@ class PutCommits:
         commits: list[wire.Commit | None] = []
         for put, commit in zip(puts, decoded, strict=True):
             if isinstance(commit, _Refused):
-                self._settle_refused(put, commit, counts)
+                self._settle_refused(put, commit)
                 commits.append(None)
                 continue
             outcome = next(outcomes)
             if isinstance(outcome, Exception):
-                self._settle_refused(put, _Refused(outcome, len(commit.rows)), counts)
+                self._settle_refused(put, _Refused(outcome, len(commit.rows)))
+                commits.append(None)
+                continue
+            if outcome is not None and not self._count_rows(put, commit, outcome, counts):
                 commits.append(None)
                 continue
             commits.append(commit)
             put.done(True)
             self._refusals.accept(put.authority)
-            counts.puts += 1
             if outcome is None:
+                counts.puts += 1
                 counts.put_transforms += len(commit.rows)
-            else:
-                self._count_rows(commit, outcome, counts)
             if self._future.flags and not put.static:
                 counts.flagged_as_future += self._flag_future(commit, put)
         return commits
@@ -172,7 +170,8 @@ class PutCommits:
             if type(commit) is wire.Commit:
                 # The key counts, not the message: Zenoh's access control has checked the key.
                 commit.authority, commit.static = put.authority, put.static
-                commit.drop_old = True
+                commit.drop_old = commit.drop_bad = True
+                commit.drop_strays = not put.is_relayed
                 if refuses_future:
                     commit.max_stamp_ns = self._future.limit_ns(put.arrival_ns)
             decoded.append(commit)
@@ -196,23 +195,46 @@ class PutCommits:
             return _Refused(error, transforms)
         return commit
 
-    def _settle_refused(self, put: Put, refused: _Refused, counts: PutCounters) -> None:
-        if put.parts is not None:  # such a put is a turn of its own, so nothing overtakes its parts
-            self._run(put.parts(put), counts)
-            return
+    def _settle_refused(self, put: Put, refused: _Refused) -> None:
         self.refuse("", put.authority, refused.transforms, refused.error)
         put.done(False)
 
-    def _count_rows(self, commit: wire.Commit, stored: bytes, counts: PutCounters) -> None:
-        """Count the rows of a put of which some are not stored."""
-        counts.put_transforms += stored.count(_STORED)
+    def _count_rows(
+        self,
+        put: Put,
+        commit: wire.Commit,
+        outcome: bytes | admission.Refused,
+        counts: PutCounters,
+    ) -> bool:
+        """Count the rows of a put of which some are not stored. Returns False if the put is
+        refused: a row of it is, and none is stored."""
+        refused = outcome if isinstance(outcome, admission.Refused) else None
+        stored = outcome if isinstance(outcome, bytes) else outcome.stored
+        rows = stored.count(admission.STORED)
+        counts.puts += rows > 0
+        counts.put_transforms += rows
         if not commit.announce:  # what an announcement leaves out is not old
-            counts.dropped_as_too_old += stored.count(_TOO_OLD)
-        rows = stored.count(_FROM_FUTURE)
-        if rows:
-            reason = self._future.describe(commit, stored.index(_FROM_FUTURE))
-            self._refusals.refuse(commit.authority, rows, reason)
+            counts.dropped_as_too_old += stored.count(admission.TOO_OLD)
+        future = stored.count(admission.FROM_FUTURE)
+        if future:
+            reason = self._future.describe(commit, stored.index(admission.FROM_FUTURE))
+            by_reason = {admission.REASONS[admission.FROM_FUTURE]: future}
+            self._refusals.refuse(commit.authority, by_reason, reason)
             self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
+        if refused is None:
+            return True
+        sender = quoted(commit.authority)
+        for error in refused.errors:
+            self._log.warn(
+                f"put of {sender}: frame {quoted(error.frame or '')}", admission.described(error)
+            )
+        self._refusals.refuse(commit.authority, refused.by_reason, refused.reason)
+        if rows:
+            return True
+        put.done(False)
+        with self._lock:
+            self._counters.bad_puts += 1
+        return False
 
     def _flag_future(self, commit: wire.Commit, put: Put) -> int:
         """Log the rows that are from the future; return how many there are."""

@@ -56,13 +56,12 @@ class Put:
     #: Makes rows of the payload's bytes, if they are not of this project's protocol.
     decode: Callable[[bytes], TransformRows] | None = None
     queued_s: float = 0.0  # monotonic time; a put is stale by how long it has waited
-    #: Called once: True after it was committed, False if it was refused. Not if it is dropped, or
-    #: if its parts are committed in its place.
+    #: Called once: True after it was committed, False if it was refused. Not if it is dropped.
     done: Callable[[bool], None] = _report_nothing
-    #: Makes the puts to commit in its place if it is refused, so that one bad row refuses only its
-    #: own part. They have no parts themselves. A put with parts is a turn of its own, and is never
-    #: stale: it is history.
-    parts: Callable[[Put], list[Put]] | None = None
+    #: It is history: never stale, and a turn of its own.
+    is_history: bool = False
+    #: Another server has admitted its rows: none of them is a stray (core/commits/time_jumps.cpp).
+    is_relayed: bool = False
 
     @classmethod
     def of_rows(cls, authority: str, static: bool, rows: TransformRows, arrival_ns: int) -> Put:
@@ -101,7 +100,7 @@ class _Queue:
         if len(self.dynamic) < 2:
             return False
         oldest = self.dynamic[0]
-        return oldest.queued_s < before_s and oldest.parts is None
+        return oldest.queued_s < before_s and not oldest.is_history
 
     def drop_oldest(self) -> Put | None:
         """Drop the oldest dynamic put; None if there is none."""
@@ -214,7 +213,7 @@ class PutQueues:
             queue.puts
             and cost < _TURN_COST
             and queue.puts[0].size <= LARGE_BYTES
-            and puts[-1].parts is queue.puts[0].parts is None
+            and not (puts[-1].is_history or queue.puts[0].is_history)
         ):
             puts.append(queue.popleft())
             cost += puts[-1].size + PUT_COST

@@ -1,4 +1,4 @@
-"""Refused transforms and dropped puts, counted per authority, with the last refusal's reason.
+"""Refused transforms and dropped puts, counted per authority and reason, with the last refusal.
 
 Thread safety: all methods.
 Invariant: what is kept is bounded. Of the authorities that had a message accepted, as many are
@@ -8,7 +8,9 @@ remembered as a tree knows; of the others only those that were refused last.
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from zenoh_tf.bounded_map import BoundedMap
@@ -23,7 +25,7 @@ _MAX_REASON: Final = 500
 
 @dataclass(slots=True)
 class _Refused:
-    transforms: int = 0
+    by_reason: Counter[str] = field(default_factory=Counter)  # transforms
     dropped_puts: int = 0
     last_reason: str | None = None
 
@@ -31,6 +33,7 @@ class _Refused:
 class Refusals:
     def __init__(self, limits: Limits) -> None:
         self._lock = threading.Lock()
+        self._by_reason = Counter[str]()  # of all authorities
         # Both: least recently refused, or first accepted, first.
         self._accepted = BoundedMap[str, _Refused](_MAX_ACCEPTED)
         self._never_accepted = BoundedMap[str, _Refused](limits.refused_authorities)
@@ -43,12 +46,24 @@ class Refusals:
             entry = self._never_accepted.pop(authority, None)
             self._accepted[authority] = entry or _Refused()
 
-    def refuse(self, authority: str, transforms: int, reason: str) -> None:
-        """Count refused transforms of `authority`, and remember why."""
+    def refuse(self, authority: str, by_reason: Mapping[str, int], reason: str) -> None:
+        """Count refused transforms of `authority`, and remember why.
+
+        Args:
+            authority: Their sender.
+            by_reason: How many were refused for each reason (`zenoh_tf.admission`).
+            reason: What was wrong with them, for people.
+        """
         with self._lock:
             entry = self._entry(authority)
-            entry.transforms += transforms
+            entry.by_reason.update(by_reason)
             entry.last_reason = reason[:_MAX_REASON]
+            self._by_reason.update(by_reason)
+
+    def counters(self) -> dict[str, int]:
+        """Counters for `stats`: refused transforms of all authorities, by reason."""
+        with self._lock:
+            return {f"refused/{reason}": count for reason, count in self._by_reason.items()}
 
     def drop(self, authority: str, puts: int) -> None:
         """Count puts of `authority` that were dropped because its queue was full."""
@@ -70,7 +85,7 @@ class Refusals:
                 name: _fields(entry)
                 for entries in (self._accepted, self._never_accepted)
                 for name, entry in entries.items()
-                if entry.transforms or entry.dropped_puts
+                if entry.by_reason or entry.dropped_puts
             }
         nothing = _fields(_Refused())
         merged = [{**record, **refused.pop(record["name"], nothing)} for record in records]
@@ -91,7 +106,8 @@ class Refusals:
 
 def _fields(entry: _Refused) -> dict[str, Any]:
     return {
-        "refused": entry.transforms,
+        "refused": entry.by_reason.total(),
+        "refused_by_reason": dict(entry.by_reason),
         "last_refusal": entry.last_reason,
         "dropped_by_queue": entry.dropped_puts,
     }

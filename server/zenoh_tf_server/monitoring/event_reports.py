@@ -57,8 +57,9 @@ def _describe(event: dict[str, Any]) -> str | None:
                 f"{event['newest_stamp_ns']} ns, by more than the cache time: not stored{times}"
             )
         case "time_jump":
+            side = "before" if event["stamp_ns"] < event["newest_stamp_ns"] else "after"
             return (
-                f"{who} continued at {event['stamp_ns']} ns, far before the newest stamp, "
+                f"{who} continued at {event['stamp_ns']} ns, far {side} the newest stamp, "
                 f"{event['newest_stamp_ns']} ns: the frame's history was cleared and begins "
                 f"again there{times}"
             )

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+from zenoh_tf import admission
 from zenoh_tf.introspection import metric_table
 from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
 from zenoh_tf.text import printable
@@ -128,6 +129,8 @@ def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
     for key, metric in FROM_STATS.items():
         if isinstance(stats.get(key), (int, float)):
             yield metric, (), float(stats[key])
+    for reason in admission.ALL_REASONS:
+        yield metric_table.REFUSED, (reason,), float(stats.get(f"refused/{reason}", 0))
     for key, value in stats.items():
         field, _, robot = key.partition("/")
         if robot and field in FROM_ROBOTS:

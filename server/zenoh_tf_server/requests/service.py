@@ -17,7 +17,7 @@ from itertools import groupby
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, admission, wire
 from zenoh_tf._core import reply_to_lookup
 from zenoh_tf._net import handover
 from zenoh_tf.errors import TransactionConflict, TransformException
@@ -242,19 +242,28 @@ class Service(Handler):
             stored, _ = self.links.commit(put, by_call=False)
         except Exception as error:
             return error
-        return stored if 0 in stored else None
+        return self._outcome(put, stored)
+
+    def _outcome(self, put: wire.Commit, stored: bytes) -> Outcome:
+        if stored.count(admission.STORED) == len(stored):
+            return None
+        return admission.refused(self.tree, put.rows, stored) or stored
 
     def _commit_dynamic_puts(self, puts: list[wire.Commit]) -> list[Outcome]:
-        outcomes: list[Outcome] = self.tree._commit_puts(
+        found = self.tree._commit_puts(
             [put.rows for put in puts],
             [put.authority for put in puts],
             [put.max_stamp_ns for put in puts],
+            [put.drop_strays for put in puts],
         )
         if self.on_commit is not None or self.links.has_state_file:
-            for put, outcome in zip(puts, outcomes, strict=True):
+            for put, outcome in zip(puts, found, strict=True):
                 if not isinstance(outcome, Exception):
                     self._committed(put, outcome or b"\1" * len(put.rows))
-        return outcomes
+        return [
+            self._outcome(put, outcome) if isinstance(outcome, bytes) else outcome
+            for put, outcome in zip(puts, found, strict=True)
+        ]
 
     def _store(self, commit: wire.Commit) -> tuple[bytes, int]:
         """Commit a call's transaction to the tree: what is stored, and the number of its
@@ -325,6 +334,7 @@ class Service(Handler):
 
     def _counters(self) -> dict[str, int]:
         counters = {"outcomes": len(self._writes), **asdict(self.puts)}
+        counters |= self.refusals.counters()
         return counters | self.links.counters() | self._added_counters()
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:

@@ -20,8 +20,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import TransformTree, wire
-from zenoh_tf.errors import LookupException, TransactionConflict, TransformException
+from zenoh_tf import TransformTree, admission, wire
+from zenoh_tf.errors import (
+    InvalidArgumentException,
+    LimitExceeded,
+    LookupException,
+    TransactionConflict,
+)
 
 from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
@@ -30,20 +35,18 @@ from .writer import StateWriter
 
 #: How often an announcement is tried that meets other commits of the same frames.
 _ANNOUNCE_ATTEMPTS: Final = 5
-#: An announcement of more rows is not tried row by row.
-_MAX_SINGLE_ROWS: Final = 4096
 #: The number of the state write of a change that stores nothing.
 NO_STATE_WRITE: Final = 0
 
 
 def apply(tree: TransformTree, commit: wire.Commit) -> bytes:
-    """Commit a transaction to the tree. Returns a byte for each row: 1 stored, 0 dropped as too
-    old."""
+    """Commit a transaction to the tree. Returns what became of each row (zenoh_tf.admission)."""
     return tree._commit_rows(
         commit.rows,
         authority=commit.authority,
         static=commit.static,
         drop_old=commit.drop_old,
+        drop_bad=commit.drop_bad,
         read_names=commit.read_names,
         read_versions=commit.read_versions,
         expires_ns=commit.expires_ns,
@@ -83,8 +86,8 @@ class StaticLinks:
         self.has_state_file = writer is not None
 
     def commit(self, commit: wire.Commit, *, by_call: bool) -> tuple[bytes, int]:
-        """Commit static transforms. Returns a byte for each row, 1 stored or 0 left out, and the
-        number of the state write.
+        """Commit static transforms. Returns a byte for each row (zenoh_tf.admission; 0: an
+        announcement that is left out), and the number of the state write.
 
         An announcement stores a row only if its frame has no link and none was removed, or has a
         static link that the same authority has published, or another one has announced with an
@@ -213,6 +216,10 @@ class StaticLinks:
         except BaseException:
             self._names -= new
             raise
+        if commit.drop_bad and stored.count(admission.STORED) != len(stored):
+            rows = np.frombuffer(stored, np.uint8) == admission.STORED
+            links = _last_links(replace(commit, rows=commit.rows[rows.nonzero()[0]]), by_call=False)
+            self._names -= new - links.keys()
         self.changes += 1
         if by_call:
             self._by_call.update(links)
@@ -229,38 +236,16 @@ class StaticLinks:
         return stored, self._put(changes)
 
     def _announce(self, commit: wire.Commit) -> tuple[bytes, int]:
+        """Announce links in one commit."""
         stored = np.zeros(len(commit.rows), np.uint8)
         rows = np.arange(len(commit.rows))
-        try:
-            state_write = self._announce_rows(commit, rows, stored)
-            return stored.tobytes(), state_write
-        except TransformException as error:
-            if not 1 < len(commit.rows) <= _MAX_SINGLE_ROWS:
-                raise
-            refusal = error
-        # One bad link must not keep the others back: they were set one after another, too.
-        state_write = NO_STATE_WRITE
-        for row in rows:
-            try:
-                state_write = max(
-                    state_write, self._announce_rows(commit, rows[row : row + 1], stored)
-                )
-            except TransformException as error:
-                refusal = error
-        self._log.warn(f"announced statics of {commit.authority!r}", f"some refused: {refusal}")
-        return stored.tobytes(), state_write
-
-    def _announce_rows(
-        self, commit: wire.Commit, rows: NDArray[np.int64], stored: NDArray[np.uint8]
-    ) -> int:
-        """Announce some rows in one commit, and mark those that are stored."""
         for attempt in range(_ANNOUNCE_ATTEMPTS):
             versions = [self._announceable(commit, int(row)) for row in rows]
             may = np.array([version is not None for version in versions])
             chosen = rows[may]
             self._log_left_out(commit, rows[~may])
             if not chosen.size:
-                return NO_STATE_WRITE
+                break
             part = replace(
                 commit,
                 rows=commit.rows[chosen],
@@ -269,14 +254,14 @@ class StaticLinks:
                 read_versions=np.array([v for v in versions if v is not None], np.uint64),
             )
             try:
-                _, state_write = self._commit(part, by_call=False)
+                outcome, state_write = self._commit(part, by_call=False)
             except TransactionConflict:
                 if attempt + 1 == _ANNOUNCE_ATTEMPTS:
                     raise
                 continue
-            stored[chosen] = 1
-            return state_write
-        return NO_STATE_WRITE
+            stored[chosen] = np.frombuffer(outcome, np.uint8)
+            return stored.tobytes(), state_write
+        return stored.tobytes(), NO_STATE_WRITE
 
     def _announceable(self, commit: wire.Commit, row: int) -> int | None:
         """The frame's version if the row may be stored, else None."""
@@ -306,7 +291,7 @@ class StaticLinks:
     def _record(self, frame: str) -> dict[str, Any] | None:
         try:
             return self._tree._frame_record(frame)
-        except LookupException:
+        except (LookupException, InvalidArgumentException, LimitExceeded):  # or no valid name
             return None
 
     def _missing(self, frames: list[str]) -> set[str]:

@@ -9,6 +9,8 @@
 //
 // GIL: released once for all messages, and once for all commits. What is read meanwhile belongs to
 // bytes and TransformRows, which nobody changes.
+#include <nanobind/stl/optional.h>
+
 #include <bit>
 #include <new>
 
@@ -198,15 +200,14 @@ struct PutCommit {
   CommitRequest request;
   std::span<std::uint8_t> stored;
   std::optional<Rejected> rejected;
-  nb::object error;  // null: none yet
   bool out_of_memory = false;
 };
 
-// Commits without the GIL. What is refused changes nothing, so the others are committed.
+// Commits without the GIL. A put that is refused as a whole changes nothing, so the others are
+// committed.
 void commit_each(Tree& tree, std::vector<PutCommit>& puts) {
   const GilReleased released;
   for (PutCommit& put : puts) {
-    if (put.error.is_valid()) continue;
     try {
       tree.commit(put.request, put.stored);
     } catch (Rejected& rejected) {
@@ -221,18 +222,19 @@ void commit_each(Tree& tree, std::vector<PutCommit>& puts) {
 nb::object outcome_of(PutCommit& put) {
   if (put.rejected) return make_error(*put.rejected);
   if (put.out_of_memory) return make_memory_error();
-  if (put.error.is_valid()) return put.error;
   const auto is_stored = [](std::uint8_t result) { return result == RowResult::stored; };
   if (std::all_of(put.stored.begin(), put.stored.end(), is_stored)) return nb::none();
   return nb::bytes(reinterpret_cast<const char*>(put.stored.data()), put.stored.size());
 }
 
 nb::list commit_puts(Tree& tree, const nb::list& rows, const nb::list& authorities,
-                     const nb::list& max_stamps) {
+                     const nb::list& max_stamps, const std::optional<nb::list>& drop_strays) {
   const nb::tuple kept = tuple_of(rows), names = tuple_of(authorities);
   const nb::tuple latest = tuple_of(max_stamps);
-  if (names.size() != kept.size() || latest.size() != kept.size())
-    raise_invalid("rows, authorities and max_stamps_ns must be equally long", "rows");
+  const nb::tuple strays = drop_strays ? tuple_of(*drop_strays) : nb::make_tuple();
+  if (names.size() != kept.size() || latest.size() != kept.size() ||
+      (drop_strays && strays.size() != kept.size()))
+    raise_invalid("rows, authorities, max_stamps_ns and drop_strays must be equally long", "rows");
   std::vector<PutCommit> puts(kept.size());
   std::size_t total = 0;
   for (const nb::handle each : kept) total += nb::cast<const TransformRows&>(each).rows().size();
@@ -244,15 +246,12 @@ nb::list commit_puts(Tree& tree, const nb::list& rows, const nb::list& authoriti
     put.request = {.names = put_rows.texts(),
                    .rows = put_rows.rows(),
                    .authority = text_of(names[i], "authority"),
-                   .drop_old = true};
+                   .drop_old = true,
+                   .drop_bad = true,
+                   .drop_strays = !drop_strays || nb::cast<bool>(strays[i])};
     if (!latest[i].is_none()) put.request.max_stamp = nb::cast<Stamp>(latest[i]);
     put.stored = unused.first(put_rows.rows().size());
     unused = unused.subspan(put_rows.rows().size());
-    try {
-      check_name_bytes(tree, put_rows.texts());
-    } catch (const nb::python_error& error) {
-      put.error = nb::borrow(error.value());
-    }
   }
   commit_each(tree, puts);
   nb::list outcomes;
@@ -266,7 +265,7 @@ void bind_puts(nb::module_& m, nb::class_<Tree>& tree) {
   m.def("decode_puts", &decode_puts, nb::arg("messages"), nb::arg("max_rows"),
         nb::arg("max_decoded_bytes"));
   tree.def("_commit_puts", &commit_puts, nb::arg("rows"), nb::arg("authorities"),
-           nb::arg("max_stamps_ns"));
+           nb::arg("max_stamps_ns"), nb::arg("drop_strays").none() = nb::none());
 }
 
 }  // namespace ztf

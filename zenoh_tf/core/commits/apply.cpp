@@ -29,27 +29,29 @@ void CommitExecution::apply() noexcept {
     if (apply_group(group)) changed_.push_back(group.child);
   plan_.keep_links();
   if (plan_.is_first_reparenting()) tree_.ever_reparented.store(true);
-  if (plan_.from_future() != 0) {
-    tree_.from_future.fetch_add(plan_.from_future(), std::memory_order_relaxed);
-    tally_.dropped += plan_.from_future();
-  }
+  tally_.commits = counts_as_commit();
   count_authority();
 }
 
 // Drops the frame's samples, as time was set back. The group's rows are stored next.
 void CommitExecution::restart_history(const FrameWrites& group) noexcept {
+  record_time_jump(group, plan_.write(group.begin).stamp);
+  clear_history(*group.frame);
+}
+
+void CommitExecution::record_time_jump(const FrameWrites& group, Stamp to) noexcept {
   FrameEvents& events = tree_.events[group.child];
   tree_.time_jumps.fetch_add(1);
   increment(events.time_jumps);
   events.jumped_at_ns.store(real_time_ns(), std::memory_order_release);
-  events.jumped_from.store(group.frame->latest.stamp.load(std::memory_order_relaxed),
-                           std::memory_order_release);
+  const Stamp from = group.frame->latest.stamp.load(std::memory_order_relaxed);
+  events.jumped_from.store(from, std::memory_order_release);
+  events.jumped_ahead.store(to > from, std::memory_order_release);
   tree_.event_log.add({.kind = TreeEvent::Kind::time_jump,
                        .frame = group.child,
                        .authority = plan_.names().authority(),
-                       .stamp = plan_.write(group.begin).stamp,
-                       .newest = group.frame->latest.stamp.load(std::memory_order_relaxed)});
-  clear_history(*group.frame);
+                       .stamp = to,
+                       .newest = from});
 }
 
 // Stores the group's rows. Returns whether the frame has changed.
@@ -70,6 +72,7 @@ bool CommitExecution::apply_rows(const FrameWrites& group) noexcept {
   const std::uint32_t stored_before = tally_.stored;
   const Pose pose_before = frame.latest.pose.load();
   if (group.restarts) restart_history(group);
+  if (group.jumps_ahead) record_time_jump(group, plan_.write(group.end - 1).stamp);
   store_rows(group);
   if (tally_.stored == stored_before) return false;
   if (group.wakes_all) increment(tree_.edits[group.child]);
@@ -87,6 +90,7 @@ void CommitExecution::store_rows(const FrameWrites& group) noexcept {
     const RowWrite& write = plan_.write(i);
     const Pose& pose = plan_.pose(write.row);
     if (!plan_.is_stored(write.row)) {
+      if (plan_.is_refused(write.row)) continue;
       increment(events.dropped);
       ++tally_.dropped;
       continue;

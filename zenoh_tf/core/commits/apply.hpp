@@ -25,6 +25,11 @@ class CommitExecution {
   // published one by one, so a lookup may find one new name and not yet another.
   void apply() noexcept;
 
+  // True if the commit counts as one: a put of which apply() has stored no row does not.
+  [[nodiscard]] bool counts_as_commit() const noexcept {
+    return tally_.stored != 0 || !plan_.request().drop_bad;
+  }
+
   // Returns the frames that get a new version when they are unlocked, ascending. These are the
   // changed frames; on the first reparenting all frames (CommitPlan::decide).
   [[nodiscard]] const FrameList& frames_with_new_version(const WriteLocks& locks) const noexcept {
@@ -38,6 +43,7 @@ class CommitExecution {
 
  private:
   void restart_history(const FrameWrites& group) noexcept;
+  void record_time_jump(const FrameWrites& group, Stamp to) noexcept;
   bool apply_group(const FrameWrites& group) noexcept;
   bool apply_rows(const FrameWrites& group) noexcept;
   void store_rows(const FrameWrites& group) noexcept;

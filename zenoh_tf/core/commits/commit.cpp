@@ -2,6 +2,7 @@
 #include "commits/commit.hpp"
 
 #include "commits/apply.hpp"
+#include "commits/validation.hpp"
 
 namespace ztf {
 
@@ -58,6 +59,9 @@ PlanOutcome try_commit(TreeState& tree, CommitPlan& plan, CommitExecution& execu
 
 void commit(TreeState& tree, const CommitRequest& request, std::span<std::uint8_t> stored) {
   CommitPlan plan(tree, request, stored);
+  if (plan.from_future() != 0)
+    tree.from_future.fetch_add(plan.from_future(), std::memory_order_relaxed);
+  if (plan.has_no_rows_left()) return;
   CommitExecution execution(tree, plan);
   {
     const auto transaction = lock_transaction(tree);
@@ -65,13 +69,60 @@ void commit(TreeState& tree, const CommitRequest& request, std::span<std::uint8_
     for (;;) {
       const PlanOutcome outcome = try_commit(tree, plan, execution, scope);
       if (outcome == PlanOutcome::ready) break;
-      scope =
-          outcome == PlanOutcome::needs_topology ? CommitScope::topology : CommitScope::all_frames;
+      if (outcome == PlanOutcome::needs_topology) scope = CommitScope::topology;
+      if (outcome == PlanOutcome::needs_all_frames) scope = CommitScope::all_frames;
       count_retry();
     }
   }
-  tree.commit_count.add();
+  if (execution.counts_as_commit()) tree.commit_count.add();
   execution.notify_waiters();
+}
+
+Rejected rejection_of(const TreeState& tree, const CommitRequest& request, const Row& row,
+                      std::uint8_t result) {
+  switch (result) {
+    case RowResult::other_authority: {
+      const FrameId child = tree.names.find(stripped(request.names[row.child]));
+      const AuthorityId authority =
+          child != 0 ? tree.frames[child].authority.load(std::memory_order_relaxed) : 0;
+      return rejection(request, row, "authority",
+                       "the frame is published by " + quoted(tree.authority(authority)) +
+                           ", and only one authority may publish a frame "
+                           "(one_authority_per_frame)");
+    }
+    case RowResult::cycle:
+      return rejection(request, row, "parent_frame", "the link would close a cycle");
+    case RowResult::too_deep: {
+      Rejected rejected = rejection(request, row, "max_depth",
+                                    "it, or a frame below it, would be more than " +
+                                        with_separators(tree.options.max_depth) +
+                                        " links below its root (max_depth)");
+      rejected.code = Code::limit;
+      rejected.limit = tree.options.max_depth;
+      return rejected;
+    }
+    case RowResult::frame_limit: {
+      const bool is_child = tree.names.find(stripped(request.names[row.child])) == 0;
+      return frame_rejection(shown(request.names[is_child ? row.child : row.parent]),
+                             tree.options.max_frames);
+    }
+    case RowResult::stray: {
+      const FrameId child = tree.names.find(stripped(request.names[row.child]));
+      const Stamp newest =
+          child != 0 ? tree.frames[child].latest.stamp.load(std::memory_order_relaxed) : row.stamp;
+      Rejected rejected =
+          rejection(request, row, "stamp_ns",
+                    "the stamp " + std::to_string(row.stamp) +
+                        " ns is far ahead of the frame's newest, " + std::to_string(newest) +
+                        " ns, and of another clock, unless more such samples follow");
+      rejected.newest = newest;
+      return rejected;
+    }
+    case RowResult::memory_limit:
+      return memory_rejection(request, row, tree.options.max_memory_bytes);
+    default:
+      return row_rejection(request, row, result, tree.options);
+  }
 }
 
 }  // namespace ztf

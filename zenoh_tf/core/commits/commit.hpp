@@ -22,6 +22,12 @@ namespace ztf {
 // >= request.rows.size().
 void commit(TreeState& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
 
+// Returns why a row of a request is refused: the same error, whether the row rejects its commit or
+// is refused alone. Requires that `row` is an element of `request.rows`, and that
+// RowResult::is_refusal(result), or that it is RowResult::from_future.
+[[nodiscard]] Rejected rejection_of(const TreeState& tree, const CommitRequest& request,
+                                    const Row& row, std::uint8_t result);
+
 // The next three throw bad_alloc, and Rejected as a commit does if they expire
 // (CommitRequest::expires_ns).
 

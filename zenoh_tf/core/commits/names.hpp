@@ -71,6 +71,18 @@ class CommitNames {
     return ids_[index];
   }
 
+  // True if the limit of frames allows that id_or_new() creates those of these names that are new.
+  // Requires the topology mutex, and resolve(true).
+  [[nodiscard]] bool has_room(std::uint32_t one, std::uint32_t other) const {
+    const auto is_new = [&](std::uint32_t index) {
+      return ids_[index] == 0 && !(new_ && new_->ids.contains(names_[index]));
+    };
+    const std::size_t created = is_new(one) + (names_[one] != names_[other] && is_new(other));
+    if (created == 0) return true;
+    return tree_.names.live_names() + (new_ ? new_->ids.size() : 0) + created <=
+           tree_.options.max_frames;
+  }
+
   [[nodiscard]] AuthorityId authority() const noexcept { return authority_; }
   // False if the id of a name or of the authority may have passed to another one since it was
   // found. Requires the write locks of the frames that get samples; while they are held, no id
@@ -158,7 +170,7 @@ class CommitNames {
     FrameId& id = it->second;
     if (!is_first) return id;
     if (tree_.names.live_names() + new_->ids.size() > tree_.options.max_frames)
-      reject_frame(name, tree_.options.max_frames);
+      throw frame_rejection(name, tree_.options.max_frames);
     if (id != 0) {  // a removed frame's
       new_->returning.push_back(id);
       return id;

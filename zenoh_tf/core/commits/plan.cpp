@@ -7,24 +7,9 @@
 
 #include <algorithm>
 
+#include "commits/commit.hpp"
+
 namespace ztf {
-
-namespace {
-
-// Returns a frame's version, whether or not readers already wait. Requires its write lock.
-Version version_of(const Frame& frame) noexcept {
-  return frame.version.current() & ~SeqLock::kWriting;
-}
-
-// Whether a frame's newest sample is so far in the future that its history is the one in error.
-bool history_is_ahead_of_clock(Stamp newest, std::uint64_t ahead_ns) noexcept {
-  timespec time{};
-  (void)::clock_gettime(CLOCK_REALTIME, &time);
-  const Stamp now = Stamp{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-  return newest > now && span_ns(now, newest) > ahead_ns;
-}
-
-}  // namespace
 
 CommitPlan::CommitPlan(TreeState& tree, const CommitRequest& request,
                        std::span<std::uint8_t> stored)
@@ -43,20 +28,45 @@ CommitPlan::CommitPlan(TreeState& tree, const CommitRequest& request,
     *write++ = {child, parent, i, row.stamp};
     // The record arrives while the other rows are checked.
     if (rows > 1) tree.frames[child].prefetch_for_write();
+    std::uint8_t result = check_values(row, poses[i]);
     // Equal ids are one name, unless both are 0: then the names must be compared.
-    if (!names_.all_valid() || child == parent) [[unlikely]]
-      check_names(request, row, tree.options);
-    check_values(request, row, poses[i]);
+    if (!names_.all_valid() || child == parent) [[unlikely]] {
+      const std::uint8_t by_names = check_names(request, row, tree.options);
+      if (by_names != RowResult::stored) result = by_names;
+    }
     // Only puts have a `max_stamp`: the server compares the stamps of calls itself.
-    if (row.stamp > request.max_stamp && !request.is_static) [[unlikely]] {
-      if (!request.drop_old) reject_future_stamp(request, row);
-      stored[i] = RowResult::from_future;
-      ++from_future_;
+    if (row.stamp > request.max_stamp && !request.is_static && result == RowResult::stored)
+        [[unlikely]]
+      result = RowResult::from_future;
+    if (result != RowResult::stored) [[unlikely]] {
+      refuse(i, result);
+      from_future_ += result == RowResult::from_future;
       --write;
     }
   }
   writes_.set_size(static_cast<std::size_t>(write - writes));
   check_authority(request, tree.options);
+}
+
+// Records that a row is not stored, or throws Rejected if the request does not allow that.
+void CommitPlan::refuse(std::uint32_t row, std::uint8_t result) {
+  const bool may = result == RowResult::from_future ? request_.drop_old : request_.drop_bad;
+  if (!may) throw rejection_of(tree_, request_, request_.rows[row], result);
+  stored_[row] = result;
+}
+
+void CommitPlan::refuse_group(const FrameWrites& group, std::uint8_t result) {
+  for (std::uint32_t i = group.begin; i < group.end; ++i) refuse(writes_[i].row, result);
+  has_refused_groups_ = true;
+}
+
+// Removes the rows of refused groups, so that the next attempt plans without them.
+PlanOutcome CommitPlan::remove_refused() noexcept {
+  RowWrite* const end = std::remove_if(writes_.begin(), writes_.end(), [&](const RowWrite& write) {
+    return RowResult::is_refusal(stored_[write.row]);
+  });
+  writes_.set_size(static_cast<std::size_t>(end - writes_.begin()));
+  return PlanOutcome::rows_refused;
 }
 
 CommitScope CommitPlan::initial_scope() const noexcept {
@@ -84,15 +94,25 @@ bool CommitPlan::resolve_and_group(CommitScope scope) {
 void CommitPlan::assign_new_ids() {
   std::sort(writes_.begin(), writes_.end(),
             [](const RowWrite& a, const RowWrite& b) { return a.row < b.row; });
-  for (RowWrite& write : writes_) {
+  RowWrite* kept = writes_.begin();
+  for (RowWrite write : writes_) {
     const Row& row = request_.rows[write.row];
     const bool may_be_dropped = request_.drop_old && names_.id(row.child) != 0;
+    if (request_.drop_bad && !names_.has_room(row.child, may_be_dropped ? row.child : row.parent)) {
+      refuse(write.row, RowResult::frame_limit);
+      continue;
+    }
     write.child = names_.id_or_new(row.child);
     write.parent = may_be_dropped ? names_.id(row.parent) : names_.id_or_new(row.parent);
     // The constructor looked up both names without a lock. If one name appeared between the two
     // lookups, their ids differed there, although they are the same frame.
-    if (write.child == write.parent) check_names(request_, row, tree_.options);
+    if (write.child == write.parent) {
+      refuse(write.row, RowResult::own_parent);
+      continue;
+    }
+    *kept++ = write;
   }
+  writes_.set_size(static_cast<std::size_t>(kept - writes_.begin()));
 }
 
 void CommitPlan::sort_rows() {
@@ -143,6 +163,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
   if (!names_.are_ids_current()) [[unlikely]]
     return PlanOutcome::needs_topology;
   is_first_reparenting_ = false;
+  has_refused_groups_ = false;
   bool topology_changes = names_.any_new();
   for (FrameWrites& group : groups_) {
     group.is_append = is_append(group);
@@ -153,48 +174,20 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
     decide_rows(group);
     topology_changes |= group.stores_other_parent;
   }
+  if (has_refused_groups_) [[unlikely]]
+    return remove_refused();
   if (topology_changes) {
     if (scope == CommitScope::children) return PlanOutcome::needs_topology;
     change_links();
+    if (has_refused_groups_) [[unlikely]]
+      return remove_refused();
   }
   // While no frame was ever reparented, readers use one path for all times. The first reparenting
   // therefore gives every frame a new version, so that readers which relied on it must retry.
   if (is_first_reparenting_ && scope != CommitScope::all_frames)
     return PlanOutcome::needs_all_frames;
   reserve_memory();
-  return PlanOutcome::ready;
-}
-
-// Returns true if the rows of a group show that its frame's history must start over at an earlier
-// time (docs/explanation/clocks.md): they are all too old, and so was a sample before them that is
-// a little older, with no good sample in between. Unless the options say so, only a history that
-// ends ahead of the real-time clock restarts.
-bool CommitPlan::restarts_history(const FrameWrites& group) const noexcept {
-  const auto relaxed = std::memory_order_relaxed;
-  const Frame& frame = *group.frame;
-  const Stamp stamp = writes_[group.end - 1].stamp, newest = frame.latest.stamp.load(relaxed);
-  if (!too_old(stamp, newest, limits_.cache_ns)) return false;
-  const FrameEvents& events = tree_.events[group.child];
-  const Stamp late = events.late_stamp.load(relaxed);
-  // Every good sample changes the version.
-  const bool is_second = events.late_version.load(relaxed) == version_of(frame) && late < stamp &&
-                         span_ns(late, stamp) <= limits_.cache_ns;
-  return is_second &&
-         (tree_.options.clear_on_time_jump || history_is_ahead_of_clock(newest, limits_.cache_ns));
-}
-
-// Records that the rows of a group are too old, so that the next ones may confirm a time jump.
-void CommitPlan::record_late(const FrameWrites& group, Stamp newest) const noexcept {
-  const auto relaxed = std::memory_order_relaxed;
-  FrameEvents& events = tree_.events[group.child];
-  const Stamp stamp = writes_[group.end - 1].stamp;
-  events.late_stamp.store(stamp, relaxed);
-  events.late_version.store(version_of(*group.frame), relaxed);
-  tree_.event_log.add({.kind = TreeEvent::Kind::late,
-                       .frame = group.child,
-                       .authority = names_.authority(),
-                       .stamp = stamp,
-                       .newest = newest});
+  return has_refused_groups_ ? remove_refused() : PlanOutcome::ready;
 }
 
 // Recognises the common case, for which decide_rows() is not needed.
@@ -202,8 +195,10 @@ bool CommitPlan::is_append(const FrameWrites& group) const noexcept {
   const auto relaxed = std::memory_order_relaxed;
   const Frame& frame = *group.frame;
   const RowWrite& write = writes_[group.begin];
+  const Stamp newest = frame.latest.stamp.load(relaxed);
   return group.end - group.begin == 1 && !request_.is_static && frame.count.load(relaxed) > 0 &&
-         frame.latest.stamp.load(relaxed) < write.stamp &&
+         newest < write.stamp &&
+         (!request_.drop_strays || span_ns(newest, write.stamp) <= limits_.cache_ns) &&
          frame.parent.load(relaxed) == write.parent &&
          frame.authority.load(relaxed) == names_.authority();
 }
@@ -214,30 +209,37 @@ void CommitPlan::decide_rows(FrameWrites& group) {
   const Frame& frame = *group.frame;
   const bool was_static = frame.is_static.load(relaxed);
   const FrameId parent_before = frame.parent.load(relaxed);
-  if (parent_before != 0) check_authority_of(group);
+  if (parent_before != 0 && tree_.options.one_authority_per_frame &&
+      frame.authority.load(relaxed) != names_.authority())
+    return refuse_group(group, RowResult::other_authority);
 
   // The frame's newest sample, as it will be when the next row is applied.
   bool has_samples = !was_static && frame.count.load(relaxed) > 0;
-  group.restarts = has_samples && !request_.is_static && restarts_history(group);
-  has_samples &= !group.restarts;
   Stamp newest = frame.latest.stamp.load(relaxed);
+  const bool is_late = has_samples && !request_.is_static &&
+                       too_old(writes_[group.end - 1].stamp, newest, limits_.cache_ns);
+  group.restarts = is_late && restarts_history(group, newest);
+  has_samples &= !group.restarts;
+  bool may_be_strays = has_samples && !request_.is_static && request_.drop_strays;
   FrameId parent = parent_before;
   // Rows come by stamp, so those for which a full frame has no room come first.
   const bool is_full = has_samples && frame.count.load(relaxed) == limits_.max_samples;
   const Stamp oldest = is_full ? oldest_served_stamp(frame) : kNoStamp;
   group.wakes_all = request_.is_static || was_static || group.restarts;
-  if (has_samples && !request_.is_static &&
-      too_old(writes_[group.end - 1].stamp, newest, limits_.cache_ns))
-    record_late(group, newest);
+  if (is_late && !group.restarts) record_late(group, newest);
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     RowWrite& write = writes_[i];
+    if (may_be_strays && write.stamp > newest && span_ns(newest, write.stamp) > limits_.cache_ns) {
+      if (refuse_strays(group, i, newest)) break;
+      may_be_strays = false;  // the others follow this one
+    }
     const RowFate fate = fate_of(write, has_samples, newest, oldest);
     stored_[write.row] = fate == RowFate::stored ? RowResult::stored : RowResult::dropped;
     if (fate != RowFate::stored) {
       if (!request_.drop_old) reject_stamp(write, fate, newest, oldest);
       continue;
     }
-    if (write.parent == 0) write.parent = names_.id_or_new(request_.rows[write.row].parent);
+    if (write.parent == 0 && !create_parent(write)) continue;
     group.stores_other_parent |= write.parent != parent_before;
     group.wakes_all |= write.parent != parent || (has_samples && write.stamp <= newest);
     // If this row prunes the newest sample, it prunes all, so no second parent remains.
@@ -253,6 +255,17 @@ void CommitPlan::decide_rows(FrameWrites& group) {
   group.new_parent = parent == parent_before ? 0 : parent;
 }
 
+// Creates the parent of a row that will be stored. Returns false if the row is refused for that.
+bool CommitPlan::create_parent(RowWrite& write) {
+  const std::uint32_t name = request_.rows[write.row].parent;
+  if (request_.drop_bad && !names_.has_room(name, name)) {
+    stored_[write.row] = RowResult::frame_limit;
+    return false;
+  }
+  write.parent = names_.id_or_new(name);
+  return true;
+}
+
 // Decides one row. Requires the stamp of the newest sample, if there is one, and as
 // `oldest_of_full` the oldest stamp of a full frame, else kNoStamp.
 CommitPlan::RowFate CommitPlan::fate_of(const RowWrite& write, bool has_samples, Stamp newest,
@@ -260,14 +273,6 @@ CommitPlan::RowFate CommitPlan::fate_of(const RowWrite& write, bool has_samples,
   if (request_.is_static) return RowFate::stored;
   if (has_samples && too_old(write.stamp, newest, limits_.cache_ns)) return RowFate::too_old;
   return write.stamp < oldest_of_full ? RowFate::no_room : RowFate::stored;
-}
-
-void CommitPlan::check_authority_of(const FrameWrites& group) const {
-  const AuthorityId authority = group.frame->authority.load(std::memory_order_relaxed);
-  if (!tree_.options.one_authority_per_frame || authority == names_.authority()) return;
-  reject(request_, request_.rows[writes_[group.begin].row], "authority",
-         "the frame is published by " + quoted(tree_.authority(authority)) +
-             ", and only one authority may publish a frame (one_authority_per_frame)");
 }
 
 void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
@@ -330,8 +335,7 @@ void CommitPlan::prepare_ring(FrameWrites& group) {
     if (!prepared.ring) return;
     prepared_rings_.push_back(prepared);
   } catch (const RingArena::Full&) {
-    reject_memory(request_, request_.rows[writes_[group.begin].row],
-                  tree_.options.max_memory_bytes);
+    return refuse_group(group, RowResult::memory_limit);
   }
   group.ring = static_cast<std::uint32_t>(prepared_rings_.size());
 }

@@ -6,7 +6,7 @@
 //
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
-// 1. After a retry all steps run again.
+// 1. After a retry all steps run again. Rows that an attempt has refused stay refused.
 // 2. Planning changes nothing that readers can see but the marks of late samples (FrameEvents),
 //    also for a commit that is then rejected. It changes the topology index, until undo_links().
 #pragma once
@@ -27,7 +27,12 @@ enum class CommitScope : std::uint8_t {
 };
 
 // Whether a plan can be applied in the scope of its attempt, or which scope it needs.
-enum class PlanOutcome : std::uint8_t { ready, needs_topology, needs_all_frames };
+enum class PlanOutcome : std::uint8_t {
+  ready,
+  needs_topology,
+  needs_all_frames,
+  rows_refused,  // the next attempt in the same scope plans without them
+};
 
 // One row of the request, with its names resolved. Its pose is CommitPlan::pose(row).
 struct RowWrite {
@@ -46,10 +51,11 @@ struct FrameWrites {
   // A stored row has another parent than the newest sample. Also set if a later row restores the
   // parent, or the sample is late: the topology mutex must keep that parent from being removed.
   bool stores_other_parent = false;
-  bool is_append = false;  // one row, newer than the newest sample, of its parent and authority
-  bool restarts = false;   // time was set back: the history is cleared before the rows are stored
-  std::uint32_t ring = 0;  // index of its prepared ring, plus 1; 0: none
-  bool wakes_all = false;  // not only newer samples of the same parent: all waiters are woken
+  bool is_append = false;    // one row, newer than the newest sample, of its parent and authority
+  bool restarts = false;     // time was set back: the history is cleared before the rows are stored
+  bool jumps_ahead = false;  // time jumped ahead: the rows will prune the history
+  std::uint32_t ring = 0;    // index of its prepared ring, plus 1; 0: none
+  bool wakes_all = false;    // not only newer samples of the same parent: all waiters are woken
 };
 
 class CommitPlan {
@@ -106,6 +112,9 @@ class CommitPlan {
   [[nodiscard]] bool is_stored(std::uint32_t row) const noexcept {
     return stored_[row] == RowResult::stored;
   }
+  [[nodiscard]] bool is_refused(std::uint32_t row) const noexcept {
+    return RowResult::is_refusal(stored_[row]);
+  }
   // The new ring of a group that has one. Once it is published, the one that it replaced.
   [[nodiscard]] PreparedRing& prepared_ring(const FrameWrites& group) noexcept {
     return prepared_rings_[group.ring - 1];
@@ -117,6 +126,10 @@ class CommitPlan {
   }
   // How many rows are dropped because they are later than the request's max_stamp.
   [[nodiscard]] std::uint32_t from_future() const noexcept { return from_future_; }
+  // True if every row of the request is dropped or refused.
+  [[nodiscard]] bool has_no_rows_left() const noexcept {
+    return writes_.size() == 0 && !request_.rows.empty();
+  }
   [[nodiscard]] const CommitNames& names() const noexcept { return names_; }
   [[nodiscard]] const HistoryLimits& limits() const noexcept { return limits_; }
   // True if this commit is the first in the tree's life that may leave a frame with samples of two
@@ -128,22 +141,31 @@ class CommitPlan {
  private:
   enum class RowFate : std::uint8_t { stored, too_old, no_room };
 
+  void refuse(std::uint32_t row, std::uint8_t result);
+  void refuse_group(const FrameWrites& group, std::uint8_t result);
+  [[nodiscard]] PlanOutcome remove_refused() noexcept;
   void assign_new_ids();
   void sort_rows();
   void group_rows();
-  [[nodiscard]] bool restarts_history(const FrameWrites& group) const noexcept;
+  [[nodiscard]] bool create_parent(RowWrite& write);
+  [[nodiscard]] bool refuse_strays(FrameWrites& group, std::uint32_t begin, Stamp newest) noexcept;
+  [[nodiscard]] bool restarts_history(const FrameWrites& group, Stamp newest) const noexcept;
+  [[nodiscard]] bool is_after_pause(const FrameWrites& group, Stamp stamp,
+                                    Stamp newest) const noexcept;
+  [[nodiscard]] bool jumps_ahead(const FrameWrites& group, std::uint32_t begin,
+                                 Stamp newest) const noexcept;
   void record_late(const FrameWrites& group, Stamp newest) const noexcept;
   [[nodiscard]] bool is_append(const FrameWrites& group) const noexcept;
   void decide_rows(FrameWrites& group);
   [[nodiscard]] RowFate fate_of(const RowWrite& write, bool has_samples, Stamp newest,
                                 Stamp oldest_of_full) const noexcept;
-  void check_authority_of(const FrameWrites& group) const;
   [[noreturn]] void reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
                                  Stamp oldest) const;
   // Changes the topology index as this commit will change the newest parents. Throws Rejected if
   // they would form a cycle, or a frame would be too deep; and bad_alloc. Requires the topology
   // mutex, and undo_links() also if it throws.
   void change_links();
+  void change_links_one_by_one();
   [[nodiscard]] std::uint32_t limit_of_depths() const noexcept;
   [[noreturn]] void reject_cycle(const FrameWrites& last);
   [[noreturn]] void reject_depth() const;
@@ -161,7 +183,8 @@ class CommitPlan {
   CommitNames names_;
   std::uint32_t from_future_ = 0;
   bool is_first_reparenting_ = false;
-  SmallVector<RowWrite, 16> writes_;  // without the rows that are from the future
+  bool has_refused_groups_ = false;   // in this attempt
+  SmallVector<RowWrite, 16> writes_;  // without the rows that are refused
   SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
   SmallVector<std::uint32_t, 4> changed_links_;  // groups whose links the topology index has

@@ -30,6 +30,12 @@ struct CommitRequest {
   // Drops rows that are too old, older than all samples of a full frame, or, despite the name,
   // later than `max_stamp`. Without it, one such row rejects the commit.
   bool drop_old = false;
+  // Refuses rows that are bad, each by itself (RowResult), and stores the others. Without it, one
+  // such row rejects the commit.
+  bool drop_bad = false;
+  // With `drop_bad`, refuses dynamic rows far ahead of their frame's history, unless more of them
+  // follow (commits/time_jumps.cpp). For samples in the order of their arrival.
+  bool drop_strays = false;
   // The read set: the commit is rejected unless every frame still has the version that was read.
   // Version 0 asserts that the frame does not exist. read_names and read_versions are equally long.
   std::span<const std::string_view> read_names = {};
@@ -47,6 +53,25 @@ struct RowResult {
   static constexpr std::uint8_t dropped = 0;  // too old, or older than all of a full frame
   static constexpr std::uint8_t stored = 1;
   static constexpr std::uint8_t from_future = 2;  // dropped: later than CommitRequest::max_stamp
+  // Refused (CommitRequest::drop_bad). Python has the same numbers (zenoh_tf/admission.py).
+  static constexpr std::uint8_t not_finite = 3;    // a number of the pose is NaN or infinite
+  static constexpr std::uint8_t bad_rotation = 4;  // the quaternion is not of length 1
+  static constexpr std::uint8_t empty_name = 5;
+  static constexpr std::uint8_t long_name = 6;
+  static constexpr std::uint8_t own_parent = 7;  // child and parent are one frame
+  static constexpr std::uint8_t bad_stamp = 8;   // kNoStamp
+  static constexpr std::uint8_t other_authority = 9;
+  static constexpr std::uint8_t cycle = 10;         // the link would close a cycle
+  static constexpr std::uint8_t too_deep = 11;      // Options::max_depth
+  static constexpr std::uint8_t frame_limit = 12;   // Options::max_frames
+  static constexpr std::uint8_t memory_limit = 13;  // Options::max_memory_bytes
+  static constexpr std::uint8_t stray = 14;  // far ahead of the frame's stamps (time_jumps.cpp)
+  static constexpr std::uint8_t slashed_name = 15;       // begins with more than one '/'
+  static constexpr std::uint8_t translation_limit = 16;  // longer than kMaxTranslation
+
+  [[nodiscard]] static bool is_refusal(std::uint8_t result) noexcept {
+    return result > from_future;
+  }
 };
 
 }  // namespace ztf

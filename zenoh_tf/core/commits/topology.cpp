@@ -10,6 +10,8 @@
 // (records/topology_index.hpp). A check that follows links, or keeps a depth or a height with each
 // frame, costs as many steps as there are frames above or below the link: a chain of n links then
 // costs n squared, built either from its root or from its leaf.
+#include <algorithm>
+
 #include "commits/plan.hpp"
 
 namespace ztf {
@@ -22,11 +24,43 @@ void CommitPlan::change_links() {
   bool is_too_deep = false;
   for (const std::uint32_t i : changed_links_) {
     const auto [child, parent] = std::pair(groups_[i].child, groups_[i].new_parent);
-    if (index.connected(child, parent)) reject_cycle(groups_[i]);
+    if (index.connected(child, parent)) [[unlikely]] {
+      if (request_.drop_bad) return change_links_one_by_one();
+      reject_cycle(groups_[i]);
+    }
     is_too_deep |= index.link(child, parent) > limit_of_depths();
   }
-  if (is_too_deep) [[unlikely]]
+  if (is_too_deep) [[unlikely]] {
+    if (request_.drop_bad) return change_links_one_by_one();
     reject_depth();
+  }
+}
+
+// Changes the links again, one after the other in the order of their rows, and refuses those that
+// cannot be changed, as if each row were a commit of its own.
+void CommitPlan::change_links_one_by_one() {
+  TopologyIndex& index = tree_.topology_index;
+  undo_links();
+  for (std::uint32_t i = 0; i < groups_.size(); ++i)
+    if (groups_[i].new_parent != 0) changed_links_.push_back(i);
+  std::sort(changed_links_.begin(), changed_links_.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return writes_[groups_[a].begin].row < writes_[groups_[b].begin].row;
+  });
+  for (const std::uint32_t i : changed_links_) {
+    const auto [child, parent] = std::pair(groups_[i].child, groups_[i].new_parent);
+    const FrameId before = groups_[i].frame->parent.load(std::memory_order_relaxed);
+    std::uint8_t result = RowResult::stored;
+    index.cut(child);
+    if (index.connected(child, parent)) {
+      result = RowResult::cycle;
+    } else if (index.link(child, parent) > limit_of_depths()) {
+      index.cut(child);
+      result = RowResult::too_deep;
+    }
+    if (result == RowResult::stored) continue;
+    if (before != 0) index.link(child, before);
+    refuse_group(groups_[i], result);
+  }
 }
 
 std::uint32_t CommitPlan::limit_of_depths() const noexcept {

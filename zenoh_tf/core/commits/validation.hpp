@@ -31,26 +31,48 @@ inline std::string_view stripped(std::string_view name) noexcept {
   return name.starts_with('/') ? name.substr(1) : name;
 }
 
-[[noreturn]] inline void reject(const CommitRequest& request, const Row& row, const char* field,
-                                const std::string& why) {
-  const std::string parent(stripped(request.names[row.parent]));
-  const std::string child(stripped(request.names[row.child]));
-  throw Rejected{.code = Code::invalid_argument,
-                 .message = "cannot set the transform of child " + quoted(child) + " in parent " +
-                            quoted(parent) + ": " + why,
-                 .frame = child,
-                 .parent = parent,
-                 .field = field,
-                 .stamp = row.stamp};
+// Returns a frame's name for an error, which a name that is too long must not fill.
+inline std::string shown(std::string_view name) {
+  constexpr std::size_t kMost = 255;
+  name = stripped(name);
+  if (name.size() <= kMost) return std::string(name);
+  std::size_t size = kMost;
+  while (size > 0 && (static_cast<unsigned char>(name[size]) & 0xc0) == 0x80) --size;
+  return std::string(name.substr(0, size)) + "...";
 }
 
-[[noreturn]] inline void reject_frame(std::string_view name, std::uint32_t max_frames) {
-  throw Rejected{.code = Code::limit,
-                 .message = "cannot create frame " + quoted(name) + ": the limit of " +
-                            with_separators(max_frames) + " frames is reached (max_frames)",
-                 .frame = std::string(name),
-                 .field = "max_frames",
-                 .limit = max_frames};
+// Returns which of several rows an error is about.
+inline std::string index_of(const CommitRequest& request, const Row& row) {
+  if (request.rows.size() < 2) return "";
+  return " (index " + std::to_string(&row - request.rows.data()) + ")";
+}
+
+// Why a row of a request is not stored.
+inline Rejected rejection(const CommitRequest& request, const Row& row, const char* field,
+                          const std::string& why) {
+  const std::string parent = shown(request.names[row.parent]);
+  const std::string child = shown(request.names[row.child]);
+  return {.code = Code::invalid_argument,
+          .message = "cannot set the transform of child " + quoted(child) + " in parent " +
+                     quoted(parent) + index_of(request, row) + ": " + why,
+          .frame = child,
+          .parent = parent,
+          .field = field,
+          .stamp = row.stamp};
+}
+
+[[noreturn]] inline void reject(const CommitRequest& request, const Row& row, const char* field,
+                                const std::string& why) {
+  throw rejection(request, row, field, why);
+}
+
+inline Rejected frame_rejection(std::string_view name, std::uint32_t max_frames) {
+  return {.code = Code::limit,
+          .message = "cannot create frame " + quoted(name) + ": the limit of " +
+                     with_separators(max_frames) + " frames is reached (max_frames)",
+          .frame = std::string(name),
+          .field = "max_frames",
+          .limit = max_frames};
 }
 
 [[noreturn]] inline void reject_authority(std::string_view name, std::uint32_t max_authorities) {
@@ -62,17 +84,16 @@ inline std::string_view stripped(std::string_view name) noexcept {
                  .limit = max_authorities};
 }
 
-[[noreturn]] inline void reject_memory(const CommitRequest& request, const Row& row,
-                                       std::uint64_t max_bytes) {
+inline Rejected memory_rejection(const CommitRequest& request, const Row& row,
+                                 std::uint64_t max_bytes) {
   const std::string child(stripped(request.names[row.child]));
-  throw Rejected{.code = Code::limit,
-                 .message = "cannot store samples of frame " + quoted(child) + ": the limit of " +
-                            with_separators(max_bytes) +
-                            " bytes for all samples is reached (max_memory)",
-                 .frame = child,
-                 .parent = std::string(stripped(request.names[row.parent])),
-                 .field = "max_memory",
-                 .limit = static_cast<std::int64_t>(max_bytes)};
+  return {.code = Code::limit,
+          .message = "cannot store samples of frame " + quoted(child) + ": the limit of " +
+                     with_separators(max_bytes) + " bytes for all samples is reached (max_memory)",
+          .frame = child,
+          .parent = std::string(stripped(request.names[row.parent])),
+          .field = "max_memory",
+          .limit = static_cast<std::int64_t>(max_bytes)};
 }
 
 [[noreturn]] inline void reject_conflict(std::string_view name) {
@@ -83,18 +104,18 @@ inline std::string_view stripped(std::string_view name) noexcept {
 }
 
 // Requires that the row is later than the request's max_stamp.
-[[noreturn]] inline void reject_future_stamp(const CommitRequest& request, const Row& row) {
+inline Rejected future_stamp_rejection(const CommitRequest& request, const Row& row) {
   const std::string child(stripped(request.names[row.child]));
-  throw Rejected{.code = Code::invalid_argument,
-                 .message = "cannot set the transform of child " + quoted(child) + ": the stamp " +
-                            std::to_string(row.stamp) + " ns is later than " +
-                            std::to_string(request.max_stamp) + " ns, the latest accepted now",
-                 .frame = child,
-                 .parent = std::string(stripped(request.names[row.parent])),
-                 .field = "stamp",
-                 .stamp = row.stamp,
-                 .limit = request.max_stamp,
-                 .value = row.stamp};
+  return {.code = Code::invalid_argument,
+          .message = "cannot set the transform of child " + quoted(child) + ": the stamp " +
+                     std::to_string(row.stamp) + " ns is later than " +
+                     std::to_string(request.max_stamp) + " ns, the latest accepted now",
+          .frame = child,
+          .parent = std::string(stripped(request.names[row.parent])),
+          .field = "stamp",
+          .stamp = row.stamp,
+          .limit = request.max_stamp,
+          .value = row.stamp};
 }
 
 // Throws Rejected if a write that expires at this time is too late now.
@@ -113,19 +134,19 @@ inline void check_not_expired(std::int64_t expires_ns) {
                  .value = now};
 }
 
-inline void check_length(std::size_t bytes, const char* what, const Options& options) {
-  if (bytes <= options.max_name_bytes) return;
-  throw Rejected{.code = Code::limit,
-                 .message = std::string(what) + ": the name has " + with_separators(bytes) +
-                            " bytes, the limit is " + with_separators(options.max_name_bytes) +
-                            " (max_name_bytes)",
-                 .field = "max_name_bytes",
-                 .limit = options.max_name_bytes,
-                 .value = static_cast<std::int64_t>(bytes)};
+inline Rejected long_name_rejection(std::size_t bytes, const char* what, const Options& options) {
+  return {.code = Code::limit,
+          .message = std::string(what) + ": the name has " + with_separators(bytes) +
+                     " bytes, the limit is " + with_separators(options.max_name_bytes) +
+                     " (max_name_bytes)",
+          .field = "max_name_bytes",
+          .limit = options.max_name_bytes,
+          .value = static_cast<std::int64_t>(bytes)};
 }
 
 inline void check_authority(const CommitRequest& request, const Options& options) {
-  check_length(request.authority.size(), "authority", options);
+  const std::size_t bytes = request.authority.size();
+  if (bytes > options.max_name_bytes) throw long_name_rejection(bytes, "authority", options);
 }
 
 // False also if a value is NaN or infinite.
@@ -133,17 +154,45 @@ inline bool is_valid_translation(const Pose& p) noexcept {
   return p.x * p.x + p.y * p.y + p.z * p.z <= kMaxTranslation * kMaxTranslation;
 }
 
-[[noreturn]] inline void reject_pose(const CommitRequest& request, const Row& row, double norm2) {
-  const double* const values = &row.pose.x;
-  for (int i = 0; i < 7; ++i)
-    if (!std::isfinite(values[i]))
-      reject(request, row, i < 3 ? "translation" : "rotation", "a value is NaN or infinite");
-  if (!is_valid_translation(row.pose))
-    reject(request, row, "translation",
-           "the translation is longer than 1e150 m, the limit: are its units metres?");
-  reject(request, row, "rotation",
-         "the quaternion's squared norm is " + std::to_string(norm2) +
-             ", but must differ from 1 by less than 0.01: normalise it");
+// Returns why a row is refused with this result, if the row alone decides it.
+inline Rejected row_rejection(const CommitRequest& request, const Row& row, std::uint8_t result,
+                              const Options& options) {
+  const Pose& p = row.pose;
+  const std::string_view parent = stripped(request.names[row.parent]);
+  const std::string_view child = stripped(request.names[row.child]);
+  switch (result) {
+    case RowResult::not_finite: {
+      const bool in_translation = !std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z);
+      return rejection(request, row, in_translation ? "translation" : "rotation",
+                       "a value is NaN or infinite");
+    }
+    case RowResult::bad_rotation:
+      return rejection(request, row, "rotation",
+                       "the quaternion's squared norm is " +
+                           std::to_string(p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw) +
+                           ", but must differ from 1 by less than 0.01: normalise it");
+    case RowResult::empty_name:
+      return rejection(request, row, parent.empty() ? "parent_frame" : "child_frame",
+                       "empty frame id: the name is empty");
+    case RowResult::long_name: {
+      const bool is_parent = parent.size() > options.max_name_bytes;
+      return long_name_rejection((is_parent ? parent : child).size(),
+                                 is_parent ? "parent_frame" : "child_frame", options);
+    }
+    case RowResult::own_parent:
+      return rejection(request, row, "child_frame", "a frame cannot be its own parent");
+    case RowResult::slashed_name:
+      return rejection(request, row, parent[0] == '/' ? "parent_frame" : "child_frame",
+                       "the name begins with more than one '/': a frame's name has none in front");
+    case RowResult::translation_limit:
+      return rejection(request, row, "translation",
+                       "the translation is longer than 1e150 m, the limit: are its units metres?");
+    case RowResult::bad_stamp:
+      return rejection(request, row, "stamp_ns",
+                       "the stamp is out of range: it must be greater than -2^63 ns");
+    default:
+      return future_stamp_rejection(request, row);
+  }
 }
 
 // True if a stripped name is neither empty nor too long, and does not begin with a slash.
@@ -151,36 +200,38 @@ inline bool is_valid_name(std::string_view name, const Options& options) noexcep
   return !name.empty() && name.size() <= options.max_name_bytes && name[0] != '/';
 }
 
-inline void check_names(const CommitRequest& request, const Row& row, const Options& options) {
-  const auto check_name = [&](std::uint32_t index, const char* field) {
-    const std::string_view name = stripped(request.names[index]);
-    if (name.empty()) reject(request, row, field, "the name is empty");
-    if (name[0] == '/')
-      reject(request, row, field,
-             "the name begins with more than one '/': a frame's name has none in front");
-    check_length(name.size(), field, options);
-    return name;
-  };
-  const std::string_view parent = check_name(row.parent, "parent_frame");
-  if (check_name(row.child, "child_frame") == parent)
-    reject(request, row, "child_frame", "a frame cannot be its own parent");
+// Returns RowResult::stored if the row has two good names, else why it is refused.
+inline std::uint8_t check_names(const CommitRequest& request, const Row& row,
+                                const Options& options) noexcept {
+  const std::string_view parent = stripped(request.names[row.parent]);
+  const std::string_view child = stripped(request.names[row.child]);
+  if (parent.empty() || child.empty()) return RowResult::empty_name;
+  if (parent.size() > options.max_name_bytes || child.size() > options.max_name_bytes)
+    return RowResult::long_name;
+  if (parent[0] == '/' || child[0] == '/') return RowResult::slashed_name;
+  return parent == child ? RowResult::own_parent : RowResult::stored;
 }
 
-// Checks the row's stamp and pose, and stores the pose with its rotation normalised. Throws
-// Rejected. It writes through a reference, because a copy of a value just stored in parts stalls.
-inline void check_values(const CommitRequest& request, const Row& row, Pose& pose) {
-  if (row.stamp == kNoStamp)
-    reject(request, row, "stamp_ns", "the stamp is out of range: it must be greater than -2^63 ns");
+// Checks the row's stamp and pose, and stores the pose with its rotation normalised. Returns
+// RowResult::stored if they are good, else why the row is refused. It writes through a reference,
+// because a copy of a value just stored in parts stalls.
+inline std::uint8_t check_values(const Row& row, Pose& pose) noexcept {
+  if (row.stamp == kNoStamp) return RowResult::bad_stamp;
   const Pose& p = row.pose;
   const double norm2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw;
-  if (!is_valid_translation(p) || !(std::abs(norm2 - 1) < 1e-2)) [[unlikely]]
-    reject_pose(request, row, norm2);
+  if (!is_valid_translation(p) || !(std::abs(norm2 - 1) < 1e-2)) [[unlikely]] {
+    const double* const values = &p.x;
+    for (int i = 0; i < 7; ++i)
+      if (!std::isfinite(values[i])) return RowResult::not_finite;
+    return is_valid_translation(p) ? RowResult::bad_rotation : RowResult::translation_limit;
+  }
   // This near to 1 the root's series is exact to rounding. It takes 7 % off a commit of one row.
   const double excess = norm2 - 1;
   const double scale = std::abs(excess) < 1e-8 ? 1 - 0.5 * excess : 1 / std::sqrt(norm2);
   pose.x = p.x, pose.y = p.y, pose.z = p.z;
   pose.qx = p.qx * scale, pose.qy = p.qy * scale;
   pose.qz = p.qz * scale, pose.qw = p.qw * scale;
+  return RowResult::stored;
 }
 
 }  // namespace ztf

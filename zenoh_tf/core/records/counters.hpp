@@ -55,6 +55,7 @@ class ShardedCounter {
 // full frame. `conflicts` has nothing to do with Code::conflict, a read set that has changed.
 struct CommitTally {
   std::uint32_t stored = 0, dropped = 0, rewritten = 0, conflicts = 0;
+  std::uint32_t commits = 1;  // 0: a put of which no row is stored
 };
 
 struct AuthorityCounts {
@@ -77,7 +78,7 @@ class AuthorityCounters {
     const auto add = [](std::atomic<std::uint64_t>& counter, std::uint32_t n) {
       if (n != 0) counter.fetch_add(n, std::memory_order_relaxed);
     };
-    add(shard.commits, 1);
+    add(shard.commits, tally.commits);
     add(shard.stored, tally.stored);
     add(shard.dropped, tally.dropped);
     add(shard.rewritten, tally.rewritten);

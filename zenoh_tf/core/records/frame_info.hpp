@@ -41,14 +41,19 @@ struct FrameEvents {
   std::atomic<float> replaced_m, replaced_rad;
   std::atomic<AuthorityId> replaced_authority;
 
-  // The last time jump: when, or 0 if there was none since the link was cleared, and the newest
-  // stamp before it.
+  // The last time jump: when, or 0 if there was none since the link was cleared, the newest stamp
+  // before it, and whether it led to later stamps.
   std::atomic<std::int64_t> jumped_at_ns;
   std::atomic<Stamp> jumped_from;
+  std::atomic<bool> jumped_ahead;
 
-  // The newest row of the last commit whose rows were all too old, and the frame's version then.
-  std::atomic<Stamp> late_stamp;
-  std::atomic<Version> late_version;
+  // The rows since the last stored one that were far from the frame's stamps, and followed one
+  // another (commits/time_jumps.cpp): the frame's version then, their stamps, how many they were.
+  std::atomic<Version> run_version;
+  std::atomic<Stamp> run_first, run_last;
+  std::atomic<std::uint32_t> run_rows, run_commits;
+  // How far apart samples are that come by more than the cache time after one another; 0: unknown.
+  std::atomic<std::uint64_t> usual_gap_ns;
 
   // The last change of the link, and what the link was before. The pose is the newest one.
   std::atomic<Stamp> change_stamp;  // of the row that made the change
@@ -64,6 +69,8 @@ struct FrameEvents {
   void forget_link() noexcept {
     replaced_at_ns.store(0, std::memory_order_release);
     jumped_at_ns.store(0, std::memory_order_release);
+    jumped_ahead.store(false, std::memory_order_release);
+    usual_gap_ns.store(0, std::memory_order_release);
   }
 
   // Forgets the lookups for which the link was late.
@@ -80,8 +87,8 @@ struct FrameEvents {
       counter->store(0, release);
     forget_lookups();
     forget_link();
-    late_stamp.store(0, release);
-    late_version.store(0, release);
+    run_last.store(0, release);
+    run_version.store(0, release);
     change_stamp.store(0, release);
     change_authority.store(0, release);
     authority_before.store(0, release);

@@ -46,7 +46,7 @@ void ChangeReplay::find_names(std::span<const std::string_view> names) {
   std::size_t unknown = 0, bytes = 0;
   for (const std::string_view name : names)
     if (table.find_any(name) == 0) ++unknown, bytes += name.size();
-  if (unknown > table.left()) reject_frame(names.back(), tree_.options.max_frames);
+  if (unknown > table.left()) throw frame_rejection(names.back(), tree_.options.max_frames);
   if (unknown != 0) table.reserve(unknown, bytes);
   ids_.clear();
   for (const std::string_view name : names) {

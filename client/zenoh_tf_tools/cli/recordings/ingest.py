@@ -29,9 +29,11 @@ class ServerWasRestarted(CommandError):
 class Feed:
     """Sends transforms in order, in puts of many rows. Thread safety: none.
 
-    ``transforms`` counts those sent. After ``finish`` the server has ingested all of them, and
-    ``dropped_as_too_old`` counts those that were older than its cache time. Both rest on the
-    server's counters of the authority, so nobody else should publish as that authority.
+    ``transforms`` counts those sent. After ``finish`` the server has ingested all of them.
+    ``dropped_as_too_old`` counts those that were older than its cache time, ``strays`` those far
+    ahead of what it had until more followed, and ``refused`` those that it did not accept for
+    another reason, such as ``last_refusal``. These rest on the server's counters of the authority,
+    so nobody else should publish as that authority.
     """
 
     def __init__(
@@ -56,7 +58,8 @@ class Feed:
         self._last: list[StampedTransform] = []
         self._sent_samples: Counter[str] = Counter()  # by child frame, without static links
         self.transforms = 0
-        self.dropped_as_too_old = 0
+        self.dropped_as_too_old = self.refused = self.strays = 0
+        self.last_refusal: str | None = None
         self._instance = tf.instance
         self._before = self._counted()
 
@@ -96,7 +99,7 @@ class Feed:
         """Send the rest and wait until the server has ingested everything.
 
         Raises:
-            CommandError: The server refused some of it, was restarted, or makes no progress.
+            CommandError: The server was restarted, or makes no progress.
         """
         self.flush()
         try:
@@ -114,15 +117,13 @@ class Feed:
             # The counters may run ahead if somebody else publishes as the same authority, so the
             # last put must be there as well: the puts on one key are ingested in order.
             if ingested >= self.transforms and (refused or self._last_is_there()):
-                if refused:
-                    raise self._refusal(refused, counted.last_refusal)
-                self.dropped_as_too_old = dropped
+                self.strays = _strays(counted) - _strays(self._before)
+                self.dropped_as_too_old, self.refused = dropped, refused - self.strays
+                self.last_refusal = counted.last_refusal
                 return
             if ingested > ingested_before:
                 ingested_before, give_up_s = ingested, time.monotonic() + self._patience_s
             elif time.monotonic() > give_up_s:
-                if refused:
-                    raise self._refusal(refused, counted.last_refusal)
                 raise CommandError(
                     f"the server ingested {ingested:,} of {self.transforms:,} transforms, and none "
                     f"in the last {self._patience_s:g} s; try a longer --timeout"
@@ -154,13 +155,17 @@ class Feed:
             if not frame.static
         )
         rewritten = self._counted().rewritten - self._before.rewritten
-        stored = self._sent_samples.total() - self.dropped_as_too_old - rewritten
+        refused = self.refused + self.strays
+        stored = self._sent_samples.total() - self.dropped_as_too_old - refused - rewritten
         return max(0, stored - kept)
 
-    def _refusal(self, refused: int, reason: str | None) -> CommandError:
+    def refusal(self) -> CommandError | None:
+        """What the server has refused, as an error; None if it has refused nothing."""
+        if not self.refused:
+            return None
         return CommandError(
-            f"the server refused {refused:,} of the {self.transforms:,} transforms sent as "
-            f"{self._authority!r}; the last reason: {reason}"
+            f"the server refused {self.refused:,} of the {self.transforms:,} transforms sent as "
+            f"{self._authority!r}, and stored the others; the last reason: {self.last_refusal}"
         )
 
     def _last_is_there(self) -> bool:
@@ -183,3 +188,7 @@ class Feed:
             if authority.name == self._authority:
                 return authority
         return _NOTHING
+
+
+def _strays(counted: AuthorityInfo) -> int:
+    return counted.refused_by_reason.get("stray", 0)

@@ -28,8 +28,8 @@ def add(commands: Commands) -> None:
         _replay,
         "publish a recording (MCAP, db3, ROS 1 bag)",
         "Publish the transforms of a recording in the order of its log, and wait until the server "
-        "has ingested them. Fails if the server refuses one of them. Needs the libraries of "
-        "zenoh-tf[recordings].",
+        "has ingested them. Fails at the end if it has refused some of them. Needs the libraries "
+        "of zenoh-tf[recordings].",
         "zenoh-tf replay run.mcap",
         "zenoh-tf replay run.mcap --rate 10 --start +10s --end +20s",
         "zenoh-tf replay run.mcap --loop --clock now",
@@ -83,6 +83,8 @@ def _replay(args: argparse.Namespace) -> int:
                 _play(recording, playback, feed)
             no_longer_kept = feed.no_longer_kept()
             recorded.warn(recording)
+    if (refusal := feed.refusal()) is not None:
+        raise refusal
     spent_s = time.monotonic() - start
     summary = {
         "file": str(args.file),
@@ -92,6 +94,7 @@ def _replay(args: argparse.Namespace) -> int:
         "skipped": recording.skipped,
         "malformed": recording.malformed,
         "cut_off": recording.is_cut_off,
+        "strays": feed.strays,
         "dropped_as_too_old": feed.dropped_as_too_old,
         "no_longer_kept": no_longer_kept,
         "seconds": round(spent_s, 3),
@@ -100,6 +103,11 @@ def _replay(args: argparse.Namespace) -> int:
         f"{feed.transforms:,} transforms of {number:,} messages ingested in {spent_s:.1f} s "
         f"({', '.join(topics)})"
     ]
+    if feed.strays:
+        lines.append(
+            f"{feed.strays:,} of them refused as strays: far ahead of what the server had of their "
+            "frames, until more of them followed"
+        )
     if feed.dropped_as_too_old:
         lines.append(
             f"{feed.dropped_as_too_old:,} of them dropped on arrival: older than the server's "
