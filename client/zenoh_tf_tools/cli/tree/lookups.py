@@ -78,9 +78,7 @@ def _lookup(args: argparse.Namespace) -> int:
         time = recorded.time_at(args, recorded_time)
         tree, range_ns = recorded.loaded(args)
         stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
-        answer = tree.lookup_transform(
-            args.target, args.source, stamp_ns, max_gap_s=args.max_gap_s
-        )
+        answer = tree.lookup_transform(args.target, args.source, stamp_ns, max_gap_s=args.max_gap_s)
         output.show_answer(args, tree, answer)
         return 0
     stamp_ns = recorded.time_at(args, live_time)
