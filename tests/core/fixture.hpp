@@ -91,8 +91,15 @@ class World {
     }
     std::vector<std::uint8_t> flags(sets.size());
     auto rejected = rejection([&] {
-      tree.commit({names, rows, options.authority, options.is_static, options.drop_old, read_names,
-                   read_versions, options.expires_ns, options.max_stamp},
+      tree.commit({.names = names,
+                   .rows = rows,
+                   .authority = options.authority,
+                   .is_static = options.is_static,
+                   .drop_old = options.drop_old,
+                   .read_names = read_names,
+                   .read_versions = read_versions,
+                   .expires_ns = options.expires_ns,
+                   .max_stamp = options.max_stamp},
                   flags);
     });
     if (stored && !rejected) *stored = flags;

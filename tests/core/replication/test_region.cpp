@@ -200,8 +200,8 @@ TEST(what_cannot_be_read_is_refused_with_a_reason) {
     CHECK(text.find(part) != std::string::npos);
   };
   mentions(refusal_after([](RegionHeader& h) { h.magic += 1; }), "not a region");
-  mentions(refusal_after([](RegionHeader& h) { h.layout_version += 1; }), "layout 3");
-  mentions(refusal_after([](RegionHeader& h) { h.layout_hash ^= 1; }), "layout 2");
+  mentions(refusal_after([](RegionHeader& h) { h.layout_version += 1; }), "layout 4");
+  mentions(refusal_after([](RegionHeader& h) { h.layout_hash ^= 1; }), "layout 3");
   mentions(refusal_after([](RegionHeader& h) { h.bytes = 4096; }), "size");
   mentions(refusal_after([](RegionHeader& h) { h.bytes = ~0ull << 12; }), "mapped");
   mentions(refusal_after([](RegionHeader& h) { h.boot_id[0] ^= 1; }), "boot");

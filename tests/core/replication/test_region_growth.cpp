@@ -102,7 +102,7 @@ TEST(a_write_is_rejected_if_the_host_has_no_memory_for_the_region) {
   const std::string last = nth("child", stored - 1);
   CHECK_EQ(tree.find(last), 0u);
   Answer answer;
-  tree.lookup({Op::latest_xact, tree.find("root"), tree.find("child0")}, answer);
+  tree.lookup({Op::latest_xact, tree.find("root"), tree.find(nth("frame", 0))}, answer);
   CHECK_EQ(answer.failure.code, Code::ok);
   fill_histories(world, 60, 0, 2000);
   CHECK(world.set("root", last, 1, at_x(3)) && tree.find(last) != 0);
