@@ -208,7 +208,7 @@ def test_frame(run: Run) -> None:
     assert (facts["rewritten"], facts["conflicts"]) == (["1"], ["1"])
     assert "last change  taken over by hand" in lines[-4]
     assert "stamp      2.000000000 s" in lines[-3]
-    assert lines[-2].split() == ["before", "parent", "map"]
+    assert lines[-2].split() == ["before", "parent", "map", "by", "wheels"]
 
 
 @pytest.mark.usefixtures("chain")
@@ -262,6 +262,7 @@ def test_authorities(run: Run) -> None:
         "clock_offset_min_s": None,
         "clock_offset_max_s": None,
         "stamp_age_s": None,
+        "mirror_lost_s": None,
         "refused_by_reason": {},
     }
     assert (by_name["wheels"]["frames"], by_name["wheels"]["commits"]) == (1, 2)

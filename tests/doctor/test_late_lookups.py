@@ -31,10 +31,10 @@ class Robot:
         """The samples of these periods of the localisation, after the beginning."""
         for period in periods:
             at_ns = self.newest_ns + period * 2 * S
-            self.tf.set_transform(StampedTransform("map", "odom", at_ns, Transform()), "amcl")
             for n in range(-9, 1):
                 at = StampedTransform("odom", "base", at_ns + n * 200 * MS, Transform())
                 self.tf.set_transform(at, "wheels")
+            self.tf.set_transform(StampedTransform("map", "odom", at_ns, Transform()), "amcl")
 
     def fail(self, *late_ms: int) -> None:
         for ms in late_ms:

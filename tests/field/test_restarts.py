@@ -102,7 +102,7 @@ def test_batches_and_waits(starting: ServerProcess) -> None:
         assert known.result().stamp_ns == 1
         with pytest.raises(ServerStarting, match="has no frame 'gripper' yet"):
             unknown.result()
-        with pytest.raises(ServerStarting, match=r"yet \(waited for 0\.\d+ s\)"):
+        with pytest.raises(ServerStarting, match=r"yet \(waited for \d+ ms\)"):
             tf.lookup_transform("map", "gripper", timeout_s=0.02)
         sender = threading.Timer(0.05, tf.set_transform, [link("base", "late", 1, 7.0)])
         sender.start()

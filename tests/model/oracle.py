@@ -168,9 +168,31 @@ class Oracle(Stored):
         self.known(target, source)
         if stamp_ns is None:
             stamp_ns = min(self._stamps(target, source), default=0)
+            try:
+                return self.lookup_transform(target, source, stamp_ns)
+            except (
+                errors.BackwardExtrapolationException,
+                errors.NoDataForExtrapolationException,
+            ) as error:
+                self._name_ended(error, target, source)
+                raise
         if target == source:
             return Answer(stamp_ns, None, IDENTITY)
         return Answer(stamp_ns, None, self._join(target, source, stamp_ns))
+
+    def _name_ended(self, error: errors.ExtrapolationException, target: str, source: str) -> None:
+        """Of a lookup without a time, make an error name the link that ended first, if that was
+        before the link begins that lacks a sample."""
+        up, other = self.paths(target, source, None)
+        children = [*up.frames[:-1], *reversed(other.frames[:-1])]
+        links = {child: self.links[child] for child in children if not self.links[child].static}
+        child, ended = min(links.items(), key=lambda item: item[1].samples[-1].stamp_ns)
+        newest = ended.samples[-1]
+        assert error.oldest_stamp_ns is not None
+        if newest.stamp_ns < error.oldest_stamp_ns:
+            error.frame, error.parent_frame = child, newest.parent
+            error.oldest_stamp_ns = ended.samples[0].stamp_ns
+            error.newest_stamp_ns = newest.stamp_ns
 
     def lookup_transform_full(
         self, target: str, target_ns: int | None, source: str, source_ns: int | None, fixed: str

@@ -292,7 +292,7 @@ class Impostor:
         (b"\1\0\0\0\x80", 2, RegionRefused, "2 file descriptors"),
         (b"\1\0\0\0\xc1", 1, ProtocolError, "not a msgpack|malformed|cannot"),
         (b"\5\0\0\0\x81\xa1v\x01\xc0", 1, ProtocolError, "not a msgpack|malformed|cannot"),
-        (b"\4\0\0\0\x81\xa1v\x01", 1, RegionRefused, "layout .unknown., and this client reads 2"),
+        (b"\4\0\0\0\x81\xa1v\x01", 1, RegionRefused, "layout .unknown., and this client reads 3"),
         (handover.message("other", "one", {}), 1, RegionRefused, "another server"),
         (handover.message("main", "two", {}), 1, RegionRefused, "another server"),
         (handover.message("main", "one", {}), 1, RegionRefused, "sealed"),

@@ -153,8 +153,8 @@ class PutCommits:
             commits.append(commit)
             put.done(True)
             self._refusals.accept(put.authority)
+            counts.puts += 1
             if outcome is None:
-                counts.puts += 1
                 counts.put_transforms += len(commit.rows)
             if self._future.flags and not put.static:
                 counts.flagged_as_future += self._flag_future(commit, put)
@@ -211,7 +211,6 @@ class PutCommits:
         refused = outcome if isinstance(outcome, admission.Refused) else None
         stored = outcome if isinstance(outcome, bytes) else outcome.stored
         rows = stored.count(admission.STORED)
-        counts.puts += rows > 0
         counts.put_transforms += rows
         if not commit.announce:  # what an announcement leaves out is not old
             counts.dropped_as_too_old += stored.count(admission.TOO_OLD)
