@@ -173,10 +173,14 @@ class Histories:
             if keeper is None or keeper.declared.pop(publisher.token, None) is None:
                 return
             is_last = self._is_gone(keeper)
-        gid = None if is_last else _gid(publisher)
-        # Without an id, messages are not those of this publisher but of its session.
-        if keeper.keeps and (is_last or gid is not None):
+        if not keeper.keeps:
+            return
+        # Also of the last one, which does not come back with the next publisher of its session.
+        if (gid := _gid(publisher)) is not None:
             self._came_or_went(keeper.identity, gid, False)
+        # Without an id, messages are not those of this publisher but of its session.
+        if is_last:
+            self._came_or_went(keeper.identity, None, False)
 
     def has_sent(self, identity: _Identity) -> None:
         """Ask a silent publisher once more, now that it has sent a message."""

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from zenoh_tf._core import TransformRows
+from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.errors import TransformException
 from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, Identity, Source
 from zenoh_tf.ros2.topics import Received
@@ -80,6 +81,8 @@ class Statics:
         self._lock = threading.Lock()
         self._publishers: dict[Identity, _Publisher] = {}
         self._owners: dict[str, Identity] = {}  # of each child: the publisher that sent it last
+        #: Publishers that went alone last, and when.
+        self._went = BoundedMap[Identity, float](MAX_PUBLISHERS)
         self._links = 0  # over all publishers
         self._dropped = 0
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
@@ -135,8 +138,12 @@ class Statics:
             if len(self._publishers) >= MAX_PUBLISHERS:
                 return None
             publisher = self._publishers[source.identity] = _Publisher()
+            publisher.gone_s = self._went.get(source.identity)
+            publisher.went_alone = publisher.gone_s is not None
         publisher.authority = source.authority
-        publisher.gone_s, publisher.went_alone = None, False
+        # A message that is recorded after its publisher's token has gone was under way.
+        if not publisher.went_alone:
+            publisher.gone_s = None
         return publisher
 
     def _done(self, identity: Identity, links: dict[str, _Link], accepted: bool) -> None:
@@ -213,7 +220,12 @@ class Statics:
         key (see `histories.CameOrWent`)."""
         with self._lock:
             if gid is not None:
-                found = [self._publishers.get((*session, gid))]
+                identity = (*session, gid)
+                found = [self._publishers.get(identity)]
+                if is_there:
+                    self._went.pop(identity, None)
+                else:
+                    self._went[identity] = time.monotonic()
             else:
                 # One that went alone does not come back with its session.
                 found = [
