@@ -245,3 +245,19 @@ def test_commands(shared_server: ServerProcess, capsys: pytest.CaptureFixture[st
     refused = call(capsys, *command, *at, "--max-gap", "500ms")
     assert refused.returncode == 1
     assert "from 'odom' to 'cart' has no sample for 0.8 s" in refused.stderr
+
+
+@pytest.mark.parametrize("gap_ms", [700, 4000])
+@pytest.mark.parametrize("after", [0, 2])
+def test_a_gap_that_fills_the_newest_backtests(gap_ms: int, after: int) -> None:
+    """A localiser that has just come back: nothing was measured in the newest window."""
+    ms_ns = 1_000_000
+    tree = TransformTree()
+    stamps = [100 * ms_ns * i for i in range(50)]
+    stamps += [stamps[-1] + (gap_ms + 100 * i) * ms_ns for i in range(after + 1)]
+    for stamp_ns in stamps:
+        pose = Transform((0.5e-9 * stamp_ns, 0, 0))
+        tree.set_transform(StampedTransform("map", "base", stamp_ns, pose))
+    found = tree.estimate_transform("map", "base", stamps[-1] + 20 * ms_ns)
+    assert found.transform.translation[0] == pytest.approx(0.5e-9 * (stamps[-1] + 20 * ms_ns))
+    assert found.error_m < 0.1

@@ -1,6 +1,8 @@
 // How the predictors are chosen, and the errors of the whole path computed.
 #include "estimates/backtest.hpp"
 
+#include <algorithm>
+
 namespace ztf {
 
 namespace {
@@ -97,7 +99,9 @@ Backtest backtest(const PathNow& path, const Cases& cases, const Backtest* befor
   ClockErrors clocks;
   const Case* next = cases.cases.data();
   const double lag_s = static_cast<double>(longest_lag(path)) * 1e-9;
-  const std::size_t newest = newest_within(cases.age_s, newest_window_s(lag_s));
+  // At least one, also where a gap fills the window.
+  const std::size_t newest =
+      std::max<std::size_t>(newest_within(cases.age_s, newest_window_s(lag_s)), 1);
   for (std::size_t l = 0; l < links && instants > 0; ++l) {
     const LinkNow& link = path.links[l];
     if (link.kind == Kind::fixed) {

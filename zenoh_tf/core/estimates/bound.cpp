@@ -65,7 +65,8 @@ ErrorBound::ErrorBound(std::span<const Residual> residuals, std::span<const doub
   add_window(values, values.size(), span_s, lag_s);
   for (const double window : {kRecent, newest_window_s(lag_s)}) {
     const std::size_t size = newest_within(age_s, window);
-    if (size < values.size()) add_window(values, size, window, lag_s);
+    // None is left where a gap fills the window.
+    if (size > 0 && size < values.size()) add_window(values, size, window, lag_s);
   }
 }
 
