@@ -1,7 +1,7 @@
 """Times of points that are given as offsets from a sweep's begin.
 
 Drivers send them as unsigned 32-bit nanoseconds: an offset before the begin then wraps round to
-4.29 s. A column that was lost on the way has the offset 0.
+4.29 s. A lost column has the offset 0.
 """
 
 from __future__ import annotations
