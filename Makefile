@@ -59,11 +59,11 @@ endef
 setup: native ## what `make test` needs, built once: native, and the C++ tests
 	@$(LOCK) sh scripts/core_test.sh --build plain
 
-test: setup ## what every change must pass, under 5 minutes after set-up; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
+test: setup ## what every change must pass, under 10 minutes after set-up; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
 	@$(LOCK) sh scripts/core_test.sh plain
 	$(call run_tests,not slow)
 
-# With `make lint docs test` it fits into 25 minutes.
+# With `make lint docs test` it fits into 45 minutes.
 test-ci: export ANOMALIES ?= 48000
 test-ci: export CHAOS ?= 2000
 test-ci: export FUZZ ?= 5000
