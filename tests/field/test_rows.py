@@ -14,7 +14,7 @@ from math import inf, nan
 import pytest
 
 from tests.processes.servers import ServerProcess
-from tests.ros2.conftest import Peer, authorities, server, start_peer, wait_for_authority
+from tests.ros2.conftest import Peer, authorities, server, start_peer
 from tests.support import command_line
 from tests.support.raw import raw
 from tests.support.waiting import wait_until
@@ -22,6 +22,7 @@ from zenoh_tf import StampedTransform, Transform, TransformTree, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.admission import REASONS, refused
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.introspection.frame_info import AuthorityInfo
 from zenoh_tf.ros2.cdr import encode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE
 from zenoh_tf_client import TransformClient
@@ -51,6 +52,12 @@ def tf(server: ServerProcess) -> Iterator[TransformClient]:
     with server.connect() as tf:
         tf.reset()
         yield tf
+
+
+def wait_for_refusals(tf: TransformClient, sender: str, count: int) -> AuthorityInfo:
+    """A sender's record once so many rows are refused, which is counted after the commit."""
+    wait_until(lambda: (found := authorities(tf).get(sender)) and found.refused >= count)
+    return authorities(tf)[sender]
 
 
 def send(peer: Peer, topic: str, *links: Link) -> None:
@@ -91,7 +98,7 @@ def test_one_wheel_is_nan(
         send(peer, topic, *(rows[n] for n in order))
     sender = f"ros2:0/{topic}"
     wait_until(lambda: (found := authorities(tf).get(sender)) and found.stored == 2 * count)
-    record = authorities(tf)[sender]
+    record = wait_for_refusals(tf, sender, count)
     assert sorted(tf.frames()) == ["arm_1", "base_link", "odom"]
     pose = tf.lookup_transform("odom", "arm_1").transform
     assert pose.translation[0] == pytest.approx(0.2 + 0.01 * (count - 1))
@@ -121,7 +128,7 @@ def test_names_are_empty(tf: TransformClient, peer: Peer, names: list[tuple[str,
     send(peer, topic, *((*pair, stamp_ns, at(1, 0, 0)) for pair in names))
     good = [pair for pair in names if all(n.strip("/") for n in pair) and pair[0] != pair[1]]
     sender = f"ros2:0/{topic}"
-    record = wait_for_authority(tf, sender)
+    record = wait_for_refusals(tf, sender, len(names) - 2)
     assert record.stored == len(good) == 2
     assert record.refused == len(names) - 2
     assert {(tf.parent(child), child) for _, child in good} == set(good)
@@ -158,7 +165,7 @@ def test_a_static_row_costs_itself(
     commit = wire.Commit(TransformRows.of_tuples(mounts), announce=announce)
     with raw(server.endpoint) as wires:
         wires.put(sender, wire.commit_body(commit), static=True)
-        record = wait_for_authority(tf, sender)
+        record = wait_for_refusals(tf, sender, 3)
     assert record.refused_by_reason == {"not_finite": 1, "empty_name": 1, "long_name": 1}
     assert record.stored == 2 and sorted(tf.frames()) == ["base", "camera", "optical"]
     assert tf.lookup_transform("base", "optical")
