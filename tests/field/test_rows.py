@@ -57,7 +57,8 @@ def tf(server: ServerProcess) -> Iterator[TransformClient]:
 def wait_for_refusals(tf: TransformClient, sender: str, count: int) -> AuthorityInfo:
     """A sender's record once so many rows are refused, which is counted after the commit."""
     wait_until(lambda: (found := authorities(tf).get(sender)) and found.refused >= count)
-    return authorities(tf)[sender]
+    record: AuthorityInfo = authorities(tf)[sender]
+    return record
 
 
 def send(peer: Peer, topic: str, *links: Link) -> None:
