@@ -123,10 +123,10 @@ def test_coordinates_keep_their_digits(
     tf.set_transform(placed, static=True)
     found = strict(command("--json", "lookup", "utm", "map").stdout)
     assert tuple(found["translation"]) == origin
-    folder = ("--dir", str(tmp_path))
-    assert command("calibration", "save", "site", *folder).returncode == 0
+    file = str(tmp_path / "site.toml")
+    assert command("calibration", "save", file).returncode == 0
     tf.clear(keep_static=False)
-    assert command("calibration", "load", "site", *folder).returncode == 0
+    assert command("calibration", "load", file).returncode == 0
     again = tf.lookup_transform("utm", "map").transform
     assert again.translation.tolist() == list(origin)
     np.testing.assert_allclose(again.rotation, placed.transform.rotation, rtol=0, atol=1e-15)

@@ -1,37 +1,42 @@
-"""``zenoh-tf calibration``: save, load and compare named sets of static links."""
+"""``zenoh-tf calibration``: save, load and compare the static links of a tree, as a TOML file."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import json
+import math
+import os
+import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final
 
-from zenoh_tf import FrameInfo, StampedTransform, Transform
+from zenoh_tf import StampedTransform, Transform, TransformException
 from zenoh_tf.text import printable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_authority
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.records import frame_infos
-from zenoh_tf_tools.cli.setup import calibration_diff as diff
-from zenoh_tf_tools.cli.setup import calibration_files as files
-from zenoh_tf_tools.cli.setup.calibration_files import LIVE, Folder, Links, Reference
 from zenoh_tf_tools.errors import CommandError
 
-T = TypeVar("T")
+#: The static links of a file or a tree, by child frame.
+Links = Mapping[str, StampedTransform]
 
 _EXAMPLES: Final = (
-    'zenoh-tf calibration save cell --note "after the camera was replaced"',
-    "zenoh-tf calibration list",
-    "zenoh-tf calibration diff cell           # what has changed since, on the server",
-    "zenoh-tf calibration diff cell@1 cell@2",
-    "zenoh-tf calibration load cell@1 --dry-run",
-    "zenoh-tf calibration load cell@1",
+    "zenoh-tf calibration save cell.toml",
+    "zenoh-tf calibration diff cell.toml           # what has changed since",
+    "zenoh-tf calibration load cell.toml --dry-run",
+    "zenoh-tf calibration load cell.toml",
 )
 #: Links of one request, and how often links that change meanwhile are read again.
 _LINKS_AT_ONCE: Final = 1000
 _READ_ATTEMPTS: Final = 5
+#: A quaternion written by hand may have few digits; the server makes its length 1.
+_ROTATION_TOLERANCE: Final = 1e-3
+#: Smaller differences are rounding.
+_SAME_MM: Final = 1e-6
+_SAME_DEG: Final = 1e-6
 
 
 def add(commands: Commands) -> None:
@@ -39,175 +44,91 @@ def add(commands: Commands) -> None:
     calibration = commands.add(
         "calibration",
         None,
-        "save, load and compare named sets of static links",
-        "Named, versioned sets of static links, one TOML file per version.",
+        "save, load and compare the static links as a file",
+        "The static links of a tree as a TOML file. Keep its versions in git.",
         *_EXAMPLES,
     )
-    folder = argparse.ArgumentParser(add_help=False)
-    folder.add_argument(
-        "--dir",
-        metavar="DIR",
-        type=Path,
-        default=files.default_folder(),
-        help="where the files are (default: zenoh-tf/calibrations in $XDG_DATA_HOME, else in "
-        "~/.local/share)",
-    )
     parsers = calibration.add_subparsers(title="actions", metavar="ACTION", required=True)
-    _add_actions(Commands(parsers, *commands.parents, folder))
-
-
-def _add_actions(actions: Commands) -> None:
+    actions = Commands(parsers, *commands.parents)
     save = actions.add(
         "save",
         _save,
         "write the tree's static links to a file",
-        "Write the tree's static links, read at one instant, as the next version of NAME.",
+        "Write the tree's static links, read at one instant, to FILE, in place of an older one.",
         *_EXAMPLES,
     )
-    save.add_argument("name", metavar="NAME", type=_usage(files.parse_name))
-    save.add_argument(
-        "--frame",
-        metavar="CHILD",
-        action="append",
-        help="only the link of this child frame; repeatable",
-    )
-    save.add_argument("--note", metavar="TEXT", default="", help="a remark to keep with it")
-
     load = actions.add(
         "load",
         _load,
         "set the static links of a file",
-        "Print what NAME changes, then set its static links in one transaction. Other links stay.",
+        "Print what FILE changes, then set its static links in one transaction. Other links stay.",
         *_EXAMPLES,
     )
-    load.add_argument("reference", metavar="NAME[@VERSION]", type=_usage(files.parse_reference))
-    load.add_argument("--dry-run", action="store_true", help="only print what would change")
-    add_authority(load, "calibration")
-
-    compare = actions.add(
+    diff = actions.add(
         "diff",
         _diff,
-        "compare two calibrations, or one with the server",
+        "compare a file with the server",
         "Print how each link differs: the translation in millimetres, the rotation in degrees.",
         *_EXAMPLES,
     )
-    compare.add_argument("before", metavar="NAME[@VERSION]", type=_usage(files.parse_reference))
-    compare.add_argument(
-        "after",
-        metavar="NAME2[@VERSION]|live",
-        nargs="?",
-        default=LIVE,
-        type=_usage(lambda text: text if text == LIVE else files.parse_reference(text)),
-        help="live, the default: the static links of the server",
+    for parser in (save, load, diff):
+        parser.add_argument("file", metavar="FILE", type=Path, help="the TOML file")
+    save.add_argument(
+        "--frame",
+        metavar="CHILD",
+        action="append",
+        default=[],
+        help="only the link of this child frame; repeatable",
     )
-
-    list_ = actions.add(
-        "list",
-        _list,
-        "list the calibrations",
-        "List the versions of NAME, or of all calibrations.",
-        *_EXAMPLES,
-    )
-    list_.add_argument("name", metavar="NAME", nargs="?", type=_usage(files.parse_name))
-
-
-def _usage(parse: Callable[[str], T]) -> Callable[[str], T]:
-    """An argparse type whose errors are shown as they are."""
-
-    def convert(text: str) -> T:
-        try:
-            return parse(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
-
-    return convert
+    load.add_argument("--dry-run", action="store_true", help="only print what would change")
+    add_authority(load, "calibration")
 
 
 def _save(args: argparse.Namespace) -> int:
     with connect(args) as tf:
-        links, _ = _live(tf)
-    if args.frame:
-        for child in args.frame:
-            if child not in links:
-                raise CommandError(f"frame {child!r} has no static link in tree {args.tree!r}")
-        links = {child: links[child] for child in args.frame}
+        links = _static_links(tf)
+    for child in args.frame:
+        if child not in links:
+            raise CommandError(f"frame {child!r} has no static link in tree {args.tree!r}")
+    links = {child: link for child, link in links.items() if not args.frame or child in args.frame}
     if not links:
         raise CommandError(f"tree {args.tree!r} has no static links")
-    folder = Folder(args.dir)
-    saved = folder.save(args.name, links, args.tree, args.note)
-    path = folder.path / f"{saved.reference}.toml"
-    document = {"saved": str(saved.reference), "links": len(links), "file": str(path)}
-    output.show(args, document, f"{saved.reference}: {_count(len(links))} saved to {path}")
+    try:
+        _write(args.file, _toml(links))
+    except OSError as error:
+        raise CommandError(f"cannot write {args.file}: {error.strerror}") from error
+    document = {"links": len(links), "file": str(args.file)}
+    output.show(args, document, f"{_count(len(links))} saved to {args.file}")
     return 0
 
 
 def _load(args: argparse.Namespace) -> int:
-    calibration = Folder(args.dir).load(args.reference)
+    saved = _read(args.file)
     with connect(args) as tf:
-        static, dynamic = _live(tf)
-        known = {child: static[child] for child in calibration.links if child in static}
-        differences = diff.compare(known, calibration.links)
-        is_changed = any(each.kind != "same" for each in differences)
+        live = _static_links(tf)
+        known = {child: live[child] for child in saved if child in live}
+        differences = _differences(known, saved)
+        is_changed = any(each["kind"] != "same" for each in differences)
         if not args.json:
-            print(diff.text(differences, dynamic))
+            print(_text(differences))
         applied = is_changed and not args.dry_run
         if applied:
-            rows = list(calibration.links.values())
+            rows = list(saved.values())
             tf.set_transforms_xact(rows, authority=args.authority, static=True)
-    if applied:
-        result = f"{_count(len(calibration.links))} set"
-    else:
-        result = "nothing was set (--dry-run)" if is_changed else "nothing to set"
-    document = {
-        "calibration": str(calibration.reference),
-        "applied": applied,
-        "links": [each.document() for each in differences],
-    }
-    output.show(args, document, f"{calibration.reference}: {result}")
+    result = f"{_count(len(saved))} set" if applied else "nothing to set"
+    if is_changed and not applied:
+        result = "nothing was set (--dry-run)"
+    document = {"applied": applied, "file": str(args.file), "links": differences}
+    output.show(args, document, f"{args.file}: {result}")
     return 0
 
 
 def _diff(args: argparse.Namespace) -> int:
-    folder = Folder(args.dir)
-    before = folder.load(args.before)
-    if isinstance(args.after, Reference):
-        after = folder.load(args.after)
-        name, links = str(after.reference), after.links
-    else:
-        with connect(args) as tf:
-            name, (links, _) = f"tree {printable(args.tree)!r}", _live(tf)
-    differences = diff.compare(before.links, links)
-    document = {
-        "before": str(before.reference),
-        "after": LIVE if args.after == LIVE else name,
-        "links": [each.document() for each in differences],
-    }
-    text = f"from {before.reference} to {name}\n{diff.text(differences)}"
-    output.show(args, document, text)
-    return 0
-
-
-def _list(args: argparse.Namespace) -> int:
-    folder = Folder(args.dir)
-    found = [folder.load(reference) for reference in folder.references(args.name)]
-    document = [
-        {
-            "name": each.reference.name,
-            "version": each.reference.version,
-            "saved": each.saved,
-            "tree": each.tree,
-            "links": len(each.links),
-            "note": each.note,
-        }
-        for each in found
-    ]
-    width = max((len(str(each.reference)) for each in found), default=0)
-    lines = []
-    for each in found:
-        reference = output.paint("frame", str(each.reference).ljust(width))
-        line = f"{reference}  {each.saved}  {_count(len(each.links)):>11}"
-        lines.append(f"{line}  {printable(each.note)}".rstrip())
-    output.show(args, document, "\n".join(lines) or f"no calibrations in {folder.path}")
+    saved = _read(args.file)
+    with connect(args) as tf:
+        differences = _differences(saved, _static_links(tf))
+    text = f"from {args.file} to tree {printable(args.tree)!r}\n{_text(differences)}"
+    output.show(args, {"file": str(args.file), "links": differences}, text)
     return 0
 
 
@@ -215,33 +136,166 @@ def _count(links: int) -> str:
     return f"{links} link" if links == 1 else f"{links} links"
 
 
-def _live(tf: TransformClient) -> tuple[Links, set[str]]:
-    """The static links of the server's tree at one instant, and the children of the dynamic ones.
+def _static_links(tf: TransformClient) -> dict[str, StampedTransform]:
+    """The static links of the server's tree at one instant.
 
     It reads which static links there are, then their poses, until nothing changes in between.
     """
-    before = _frames(tf)
+    before = _versions(tf)
     for _ in range(_READ_ATTEMPTS):
-        statics = {each.name: each for each in before.values() if each.static}
-        pairs = [(each.parent or "", each.name) for each in statics.values()]
+        pairs = list(before)
         poses = []
         for start in range(0, len(pairs), _LINKS_AT_ONCE):
             poses += tf.lookup_latest_transforms_xact(pairs[start : start + _LINKS_AT_ONCE])
-        after = _frames(tf)
-        if {name: after[name].version for name in statics if name in after} == {
-            name: each.version for name, each in statics.items()
-        } and statics.keys() == {each.name for each in after.values() if each.static}:
-            links = {
+        after = _versions(tf)
+        if before == after:
+            return {
                 child: StampedTransform(
                     parent, child, 0, Transform(pose.transform.translation, pose.transform.rotation)
                 )
                 for (parent, child), pose in zip(pairs, poses, strict=True)
             }
-            dynamic = {each.name for each in after.values() if each.parent and not each.static}
-            return links, dynamic
         before = after
     raise CommandError("the static links change all the time; try again later")
 
 
-def _frames(tf: TransformClient) -> dict[str, FrameInfo]:
-    return {frame.name: frame for frame in frame_infos(tf)}
+def _versions(tf: TransformClient) -> dict[tuple[str, str], int]:
+    """The version of each static link, by its parent and child."""
+    return {(each.parent or "", each.name): each.version for each in frame_infos(tf) if each.static}
+
+
+def _differences(before: Links, after: Links) -> list[dict[str, Any]]:
+    """How each link differs, by child frame, as JSON values; also of links that are the same.
+
+    `offset_mm`, how far the child has moved along the parent's axes, and `rotation_deg`, the angle
+    between the two rotations, are None unless the child has one parent.
+    """
+    return [
+        _difference(child, before.get(child), after.get(child))
+        for child in sorted(before.keys() | after.keys())
+    ]
+
+
+def _difference(
+    child: str, before: StampedTransform | None, after: StampedTransform | None
+) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "child": child,
+        "kind": "reparented",
+        "parent_before": before and before.parent_frame,
+        "parent_after": after and after.parent_frame,
+        **dict.fromkeys(("translation_mm", "offset_mm", "rotation_deg")),
+    }
+    if before is None or after is None:
+        found["kind"] = "added" if before is None else "removed"
+    elif before.parent_frame == after.parent_frame:
+        offset = 1000 * (after.transform.translation - before.transform.translation)
+        x, y, z, w = (before.transform.inverse() @ after.transform).rotation.tolist()
+        angle_deg = math.degrees(2 * math.atan2(math.hypot(x, y, z), abs(w)))
+        length_mm = math.hypot(*offset)
+        found["kind"] = "same" if length_mm < _SAME_MM and angle_deg < _SAME_DEG else "moved"
+        found["translation_mm"], found["offset_mm"] = length_mm, offset.tolist()
+        found["rotation_deg"] = angle_deg
+    return found
+
+
+def _text(differences: list[dict[str, Any]]) -> str:
+    """Differences as lines, without the links that are the same."""
+    changed = [each for each in differences if each["kind"] != "same"]
+    width = max((len(printable(each["child"])) for each in changed), default=0)
+    same = len(differences) - len(changed)
+    lines = [_line(each, width) for each in changed]
+    return "\n".join([*lines, f"{same} {'link is' if same == 1 else 'links are'} the same"])
+
+
+def _line(each: dict[str, Any], width: int) -> str:
+    name = output.paint("frame", printable(each["child"]).ljust(width))
+    before, after = (printable(each[key] or "") for key in ("parent_before", "parent_after"))
+    match each["kind"]:
+        case "added":
+            return f"+ {name}  new in {after}"
+        case "removed":
+            return f"- {name}  only before, in {before}"
+        case "reparented":
+            return f"> {name}  from {before} to {after}"
+    x, y, z = (value + 0.0 for value in each["offset_mm"])
+    return (
+        f"~ {name}  {each['translation_mm']:10.3f} mm {each['rotation_deg']:9.4f} deg"
+        f"   x {x:+.3f}  y {y:+.3f}  z {z:+.3f} mm in {after}"
+    )
+
+
+def _toml(links: Links) -> str:
+    """The file: a block of lines per link, in the order of the child frames."""
+    blocks = [
+        "# Static poses of child in parent, by zenoh-tf calibration.\n"
+        "# translation in metres, rotation as quaternion x y z w\n"
+    ]
+    for child, link in sorted(links.items()):
+        numbers = (link.transform.translation.tolist(), link.transform.rotation.tolist())
+        translation, rotation = ([value + 0.0 for value in values] for values in numbers)
+        blocks.append(
+            f"[[link]]\nchild = {_quoted(child)}\nparent = {_quoted(link.parent_frame)}\n"
+            f"translation = {translation}\nrotation = {rotation}\n"
+        )
+    return "\n".join(blocks)
+
+
+def _quoted(value: str) -> str:
+    """A TOML string: JSON's form, which leaves only DEL to be escaped."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+def _write(path: Path, text: str) -> None:
+    """Replace a file, which is whole at any time."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> dict[str, StampedTransform]:
+    """The links of a file. Raises CommandError if it cannot be read or is malformed."""
+    try:
+        links = tomllib.loads(path.read_text(encoding="utf-8")).get("link")
+        if not isinstance(links, list):
+            raise ValueError("it has no [[link]]")
+        read = [_link(entry, f" of link {number}") for number, entry in enumerate(links, start=1)]
+    except (OSError, ValueError) as error:  # ValueError: also not UTF-8, or not TOML
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise CommandError(f"cannot read {path}: {reason}") from error
+    except RecursionError:
+        raise CommandError(f"cannot read {path}: it is nested too deeply") from None
+    by_child: dict[str, StampedTransform] = {}
+    for link in read:
+        if by_child.setdefault(link.child_frame, link) is not link:
+            raise CommandError(f"cannot read {path}: {link.child_frame!r} is there twice")
+    return by_child
+
+
+def _link(entry: Any, where: str) -> StampedTransform:
+    """One link. Raises ValueError, with a message, if it is malformed."""
+    table = entry if isinstance(entry, dict) else {}
+    for name in ("child", "parent"):
+        if not isinstance(table.get(name), str):
+            raise ValueError(f"{name}{where} is missing, or is no string")
+    translation = _vector(table, "translation", 3, where)
+    rotation = _vector(table, "rotation", 4, where)
+    if abs(math.hypot(*rotation) - 1) > _ROTATION_TOLERANCE:
+        raise ValueError(f"rotation{where} is not a unit quaternion")
+    try:
+        pose = Transform(translation, rotation)
+        return StampedTransform(table["parent"], table["child"], 0, pose)
+    except (TransformException, ValueError) as error:
+        raise ValueError(f"{table['child']!r}{where}: {error}") from error
+
+
+def _vector(table: dict[str, Any], name: str, size: int, where: str) -> list[float]:
+    values = table.get(name)
+    if isinstance(values, list) and len(values) == size:
+        numbers = [float(value) for value in values if type(value) in (int, float)]
+        if len(numbers) == size and all(map(math.isfinite, numbers)):
+            return numbers
+    raise ValueError(f"{name}{where} is not {size} finite numbers")
