@@ -134,6 +134,7 @@ lint: native ## ruff, mypy --strict, clang-format, import-linter, scripts/checks
 	@$(BIN)/mypy
 	@$(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows $(WORKFLOWS)
+	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.compose-spec $(wildcard docker/compose*.yaml)
 	@mkdir -p build && $(BIN)/lint-imports --no-cache > build/imports.txt || { cat build/imports.txt; exit 1; }
 	@$(BIN)/python -m scripts.checks
 	@if command -v actionlint >/dev/null; then actionlint $(WORKFLOWS); fi

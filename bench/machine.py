@@ -17,7 +17,7 @@ PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 UNMEASURED = (
     *("*.md", "docs", "tests", "examples", "docker", ".ci", ".github", "mkdocs.yml", "Makefile"),
     *("LICENSE", ".gitignore", ".dockerignore", ".clang-format"),
-    *("scripts/checks", "scripts/docs_pages.py", "scripts/folders.py"),
+    *("scripts/checks", "scripts/docs_pages.py"),
     *("bench/results", "bench/published-2022.json", "bench/results.py", "bench/figures.py"),
 )
 

@@ -50,20 +50,12 @@ def core_folders(repository: Repository) -> Iterator[Violation]:
             if folders.index(other) >= folders.index(folder):
                 yield _at_rule(repository, folder, f"{folder} is not above {other}: name it later")
     seen: set[tuple[str, str]] = set()
-    introduced: dict[str, int] = dict.fromkeys(folders, 0)
     for path in repository.files(".hpp", ".cpp", under=[CORE]):
         file = path.removeprefix(CORE)
         folder = _folder(file)
         if folder not in MAY_INCLUDE:
             yield Violation(path, 1, f"{folder} is no folder of the core: add it to MAY_INCLUDE")
             continue
-        if file.endswith(".hpp") and repository.text(path).startswith(
-            f"// The folder `{folder}/`: "
-        ):
-            introduced[folder] += 1
-            may = f"It may include {_list(MAY_INCLUDE[folder])}."
-            if f"// {may}\n" not in repository.text(path):
-                yield Violation(path, 1, f"say of the folder: {may}")
         for number, line in repository.lines(path):
             if not (found := INCLUDE.match(line)):
                 continue
@@ -84,9 +76,6 @@ def core_folders(repository: Repository) -> Iterator[Violation]:
                 yield _at_rule(
                     repository, f'"{folder}": (', f"{folder} includes no {other} any more"
                 )
-        if "." not in folder and introduced[folder] != 1:
-            problem = f"one header of {folder}/ begins with: // The folder `{folder}/`"
-            yield Violation(f"{CORE}{folder}", 1, problem)
     for file, included in sorted(EXCEPTIONS - seen):
         yield _at_rule(repository, f'("{file}"', f"{file} does not include {included} any more")
 

@@ -1,4 +1,4 @@
-"""What pages say of the program: flags, their defaults, commands, counters and counts."""
+"""What pages say of the program: its flags, their defaults, its limits."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ import shlex
 from collections.abc import Iterator
 from dataclasses import fields
 
-from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, FROM_STATS
-from zenoh_tf_client.tf2 import FilterFailureReason
 from zenoh_tf_server import flags as server_flags
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_tools.cli.main import _parser
-from zenoh_tf_tools.urdf import joint_states, kinematics
 
 from .repository import Repository, Violation
 
@@ -113,27 +110,3 @@ def _equal(stated: str, default: str) -> bool:
         return float(stated.replace(",", "")) == float(default)
     except ValueError:
         return stated == default
-
-
-def enumerations(repository: Repository) -> Iterator[Violation]:
-    """Pages name each command, counter and reason."""
-    counts = (joint_states.Counts, kinematics.Counts)
-    top = {words.split()[1] for words in parsers() if words.startswith("zenoh-tf ")}
-    wanted = {
-        "docs/reference/commands.md": {f"zenoh-tf {name}" for name in top},
-        "docs/how-to/from-tf2.md": {f"`{reason.name}`" for reason in FilterFailureReason},
-        "docs/how-to/urdf.md": {f"`{each.name}`" for kind in counts for each in fields(kind)}
-        | {f"{joint_states.MAX_JOINTS:,} joints"},
-        "docs/how-to/ros2.md": {
-            *("`conflicts`", "`rewritten`", "`clock_offset_max_s`", "`stamp_age_s`"),
-        },
-    }
-    for page, parts in wanted.items():
-        for part in sorted(parts):
-            if part not in repository.text(page):
-                yield Violation(page, 1, f"does not name {part}: add it")
-    statistics = FROM_STATS.keys() | FROM_AUTHORITIES.keys()
-    for number, line in repository.lines("docs/how-to/ros2.md"):
-        for name in re.findall(r"`(ros2_[a-z_]+[a-z])`", line):
-            if name not in statistics:
-                yield Violation("docs/how-to/ros2.md", number, f"there is no counter {name}")

@@ -33,14 +33,10 @@ class Repository:
     Args:
         changes: Text by path that replaces a file's own, or adds a file; None removes one. The
             self-test plants violations with it.
-        alone: Whether `files` lists only those of `changes`, for checks that read each by itself.
     """
 
-    def __init__(
-        self, changes: Mapping[str, str | None] | None = None, *, alone: bool = False
-    ) -> None:
+    def __init__(self, changes: Mapping[str, str | None] | None = None) -> None:
         self._changes = dict(changes or {})
-        self._alone = alone
 
     def text(self, path: str) -> str:
         """The text of a file, by its path under `ROOT`; empty if there is none."""
@@ -57,8 +53,7 @@ class Repository:
     def files(self, *suffixes: str, under: Iterable[str] = FOLDERS) -> list[str]:
         """The paths of all files with one of the suffixes in these folders."""
         folders = tuple(f"{folder.rstrip('/')}/" for folder in under)
-        there = () if self._alone else _all_files()
-        found = {path for path in there if path.startswith(folders)}
+        found = {path for path in _all_files() if path.startswith(folders)}
         for path, text in self._changes.items():
             if path.startswith(folders):
                 (found.discard if text is None else found.add)(path)

@@ -1,19 +1,27 @@
-"""help() and inspect show what the stubs say of native methods, which is compiled into the module.
-
-What docstrings must contain is a check of ``make lint``: ``scripts/checks/docstrings.py``.
-"""
+"""help() and inspect show what the stubs say of native methods: it is compiled into the module."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import pydoc
+from pathlib import Path
 
 import pytest
 
 import zenoh_tf
-from scripts.checks.public_members import Member, class_of, functions, members
-from scripts.checks.repository import Repository
+
+LIBRARY = Path(zenoh_tf.__file__).parent
+STUBS = (LIBRARY / "_core.pyi", LIBRARY / "_core_stubs" / "transform.pyi")
+#: The methods of the stubs, by class and name; of overloads the last one.
+NATIVE = {
+    (node.name, method.name): method
+    for stub in STUBS
+    for node in ast.parse(stub.read_text()).body
+    if isinstance(node, ast.ClassDef) and node.name in ("Tree", "Transform", "StampedTransform")
+    for method in node.body
+    if isinstance(method, ast.FunctionDef)
+}
 
 
 def test_help_shows_native_methods() -> None:
@@ -24,33 +32,36 @@ def test_help_shows_native_methods() -> None:
 
 def test_help_shows_what_editors_show() -> None:
     """The stubs' docstrings are compiled into the module: a stale build would differ."""
-    for kind in (zenoh_tf._core.Tree, zenoh_tf.Transform, zenoh_tf.StampedTransform):
-        _, stub = class_of(Repository(), kind)
-        for name, node in functions(stub).items():
-            if text := ast.get_docstring(node):
-                assert (inspect.getdoc(getattr(kind, name)) or "").endswith(text), name
+    for (owner, name), node in NATIVE.items():
+        if text := ast.get_docstring(node):
+            native = getattr(getattr(zenoh_tf._core, owner), name)
+            assert (inspect.getdoc(native) or "").endswith(text), name
 
 
-NATIVE = [
-    member
-    for kind in (zenoh_tf._core.Tree, zenoh_tf.Transform, zenoh_tf.StampedTransform)
-    for member in members(Repository(), kind)
-    if not member.is_property
-]
-
-
-@pytest.mark.parametrize("member", NATIVE, ids=lambda member: member.name)
-def test_signatures_are_those_of_the_stubs(member: Member) -> None:
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        (owner, name)
+        for (owner, name), node in NATIVE.items()
+        if not name.startswith("_") and not node.decorator_list
+    ],
+)
+def test_signatures_are_those_of_the_stubs(owner: str, name: str) -> None:
     """nanobind keeps them as text, which `help` shows."""
-    native = getattr(member.owner, member.name)
+    native = getattr(getattr(zenoh_tf._core, owner), name)
     ((text, _, _),) = native.__nb_signature__
-    parameters = [*ast.parse(f"{text}: ...").body]
-    (function,) = parameters
+    (function,) = ast.parse(f"{text}: ...").body
     assert isinstance(function, ast.FunctionDef)
-    named = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-    assert [each.arg for each in named if each.arg != "self"] == member.parameters
+    parameters = names(NATIVE[owner, name])
+    assert names(function) == parameters
     first_line = pydoc.plain(pydoc.render_doc(native)).split("\n\n")[1]
-    assert all(name in first_line for name in member.parameters)
+    assert all(parameter in first_line for parameter in parameters)
+
+
+def names(function: ast.FunctionDef) -> list[str]:
+    arguments = function.args
+    every = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    return [each.arg for each in every if each.arg != "self"]
 
 
 def test_the_library_leaves_types_alone() -> None:
