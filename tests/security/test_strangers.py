@@ -179,7 +179,7 @@ def test_something_else_listens(silent_port: str) -> None:
 def test_a_server_without_room(start_server: StartServer) -> None:
     server = start_server("--limit", "connections=1")
     with server.connect():
-        unavailable(server.endpoint, Credentials(), "--limit connections")
+        denied(server.endpoint, Credentials(), "--limit connections")
 
 
 def test_a_frozen_server(start_server: StartServer, files: Files) -> None:

@@ -8,7 +8,6 @@ import contextlib
 import os
 import socket
 import ssl
-import struct
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
@@ -23,13 +22,8 @@ _TIMEOUT_S: Final = 2.0
 #: How long a server may take to refuse a client's certificate after the handshake.
 _REFUSAL_S: Final = 0.3
 
-#: Zenoh's transport messages, by the lowest five bits of their first byte.
-_INIT: Final = 0x01
-_CLOSE: Final = 0x03
-_ZENOH_VERSION: Final = 0x09
-_CLIENT: Final = 0x02
-#: A session is closed with this reason if the server has no room for another one.
-_MAX_SESSIONS: Final = 0x03
+#: The length of a message without bytes, to which Zenoh answers with the end of the connection.
+_EMPTY_MESSAGE: Final = b"\0\0"
 
 #: OpenSSL's numbers of reasons why a certificate is not trusted.
 _EXPIRED: Final = 10
@@ -87,16 +81,16 @@ def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials
     # the first bytes of TLS for the length of a message, and waits for the rest of it.
     with connection:
         try:
-            answer = _ask_for_session(connection)
+            is_zenoh = _is_zenoh(connection)
         except TimeoutError:
             return ServerUnavailable(
                 f"{where} accepts connections, but answers nothing within {_TIMEOUT_S:g} s: the "
                 "server is stopped or overloaded, or is no zenoh-tf-server"
             )
         except OSError:
-            answer = None
-    if answer is not None:
-        return _no_tls(where) if protocol == "tls" else _refused(answer, where, credentials)
+            is_zenoh = False
+    if is_zenoh:
+        return _no_tls(where) if protocol == "tls" else _refused(where, credentials)
     try:
         with _connect(target, timeout_s) as connection:
             if protocol == "tls":
@@ -211,10 +205,10 @@ def _explain_secure_session(secure: ssl.SSLSocket, where: str, credentials: Cred
         secure.recv(1)
     secure.settimeout(_TIMEOUT_S)
     try:
-        answer = _ask_for_session(secure)
+        is_zenoh = _is_zenoh(secure)
     except OSError:
-        answer = None
-    return _not_zenoh(where) if answer is None else _refused(answer, where, credentials)
+        is_zenoh = False
+    return _refused(where, credentials) if is_zenoh else _not_zenoh(where)
 
 
 def _speaks_tls(connection: socket.socket) -> bool:
@@ -231,34 +225,23 @@ def _not_zenoh(where: str) -> Failure:
     return ServerUnavailable(f"{where} does not answer as Zenoh: is a zenoh-tf-server there?")
 
 
-def _refused(answer: bytes, where: str, credentials: Credentials) -> Failure:
-    """The error if the port is fine and Zenoh itself does not open a session. `answer` is its
-    message to a client that shows no user."""
-    if answer == bytes([_CLOSE, _MAX_SESSIONS]):
-        return ServerUnavailable(f"{where} has no room for another client (--limit connections=N)")
+def _refused(where: str, credentials: Credentials) -> Failure:
+    """The error if the port is fine and Zenoh opens no session, for a reason that it does not give."""
+    room = "or it has no room for another client (--limit connections=N)"
     if credentials.user is None:
-        if answer[0] & 0x1F == _CLOSE:
-            return AccessDenied(
-                f"{where} wants a user and a password: give user and password (--user and "
-                "--password-file, ZENOH_TF_USER and ZENOH_TF_PASSWORD_FILE)",
-                field="user",
-            )
-        return ServerUnavailable(
-            f"{where} opens no session, although a Zenoh router is there: it has probably no room "
-            "for another client (--limit connections=N)"
+        return AccessDenied(
+            f"{where} wants a user and a password: give user and password (--user and "
+            f"--password-file, ZENOH_TF_USER and ZENOH_TF_PASSWORD_FILE); {room}",
+            field="user",
         )
     return AccessDenied(
-        f"{where} refuses user {credentials.user!r}: no such user, or the wrong password",
+        f"{where} refuses user {credentials.user!r}: no such user, or the wrong password; {room}",
         field="user",
     )
 
 
-def _ask_for_session(connection: socket.socket) -> bytes | None:
-    """Zenoh's answer to a client that shows no user; None if something else answers, or the
-    connection ends. Raises OSError, of which TimeoutError means that nothing answers."""
-    identity = os.urandom(16)
-    message = bytes([_INIT, _ZENOH_VERSION, (len(identity) - 1) << 4 | _CLIENT]) + identity
-    connection.sendall(struct.pack("<H", len(message)) + message)
+def _is_zenoh(connection: socket.socket) -> bool:
+    """Whether Zenoh answers. Raises OSError, of which TimeoutError means that nothing answers."""
+    connection.sendall(_EMPTY_MESSAGE)
     data = connection.recv(1024)
-    is_zenoh = len(data) > 2 and int.from_bytes(data[:2], "little") == len(data) - 2
-    return data[2:] if is_zenoh else None
+    return len(data) > 2 and int.from_bytes(data[:2], "little") == len(data) - 2
