@@ -16,7 +16,7 @@ from zenoh_tf._core import TransformRows, decode_puts
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 from zenoh_tf_server.ingest.future_stamps import FutureStamps
 from zenoh_tf_server.ingest.put_commits import PutCommits
-from zenoh_tf_server.ingest.put_queues import Put, PutQueues, Turn
+from zenoh_tf_server.ingest.put_queues import Put
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.requests.service import Service
 
@@ -130,16 +130,7 @@ class Committer:
         )
 
     def run(self, *puts: Put) -> None:
-        queues = PutQueues(1 << 20, 1 << 20)
-        for put in puts:
-            assert not queues.add(put)
-        while queues.has_small:
-            turns: list[Turn] = []
-            while (turn := queues.take(small_only=True)) is not None:
-                turns.append(turn)
-            self.commits.run(turns)
-            for each in turns:
-                queues.done(each)
+        self.commits.run(list(puts))
 
     def close(self) -> None:
         self.service.close()

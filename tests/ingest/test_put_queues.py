@@ -5,17 +5,22 @@ from __future__ import annotations
 import random
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from math import inf
+from typing import Any
 
+import pytest
 import zenoh
 from zenoh.handlers import FifoChannel
 
 from tests.processes.ports import free_endpoint
+from zenoh_tf import StampedTransform, Transform, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf_server.ingest.clock_offsets import ClockOffsets
 from zenoh_tf_server.ingest.future_stamps import FutureStamps
 from zenoh_tf_server.ingest.ingest import Ingest
-from zenoh_tf_server.ingest.put_commits import PutCommits, PutCounters
+from zenoh_tf_server.ingest.put_commits import Outcome, PutCommits, PutCounters
 from zenoh_tf_server.ingest.put_queues import LARGE_BYTES, Put, PutQueues
 from zenoh_tf_server.ingest.refusals import Refusals
 from zenoh_tf_server.limits import Limits
@@ -227,33 +232,84 @@ def test_more_authorities_than_queues() -> None:
     assert tested.bytes == 0
 
 
-def test_a_put_that_arrives_while_others_are_sorted_is_not_dated_back() -> None:
+class Handler:
+    """Zenoh's handler of a channel; `on_try` is called when it is asked for what has come."""
+
+    def __init__(self, handler: Any, on_try: Callable[[], None] = lambda: None) -> None:
+        self._handler = handler
+        self._on_try = on_try
+
+    def try_recv(self) -> zenoh.Sample | None:
+        self._on_try()
+        sample: zenoh.Sample | None = self._handler.try_recv()
+        return sample
+
+
+@pytest.fixture
+def received() -> Iterator[tuple[Ingest, list[wire.Commit], zenoh.Session, Any]]:
+    """An ingest, what it has committed, and a session that puts to a subscriber's handler."""
     limits = Limits()
-    clocks, future = ClockOffsets(), FutureStamps()
+    committed: list[wire.Commit] = []
+
+    def commit(puts: Sequence[wire.Commit]) -> list[Outcome]:
+        committed.extend(puts)
+        return [None for _ in puts]
+
     commits = PutCommits(
-        lambda puts: [None for _ in puts], PutCounters(), Refusals(limits), limits, clocks, future
+        commit, PutCounters(), Refusals(limits), limits, ClockOffsets(), FutureStamps(1.0)
     )
     ingest = Ingest(commits, limits)
-    key = keys.put("main", "wheels", static=False)
-    sent_ns: list[int] = []
-
-    class Handler:
-        """Zenoh's handler; a second put is sent when it is asked for one."""
-
-        def try_recv(self) -> zenoh.Sample | None:
-            if sent_ns:
-                return None
-            sent_ns.append(time.time_ns())
-            session.put(key, b"second")
-            return subscriber.handler.recv()
-
     with zenoh.open(zenoh_config.router([free_endpoint()])) as session:
         channel: FifoChannel[zenoh.Sample] = FifoChannel(4)
         subscriber = session.declare_subscriber(keys.all_puts("main"), channel)
-        session.put(key, b"first")
-        ingest._receive(Handler(), subscriber.handler.recv())
+        yield ingest, committed, session, subscriber.handler
         subscriber.undeclare()
-    turn = ingest._queues.take(small_only=True)
-    assert turn is not None
-    first, second = turn.puts
-    assert first.arrival_ns <= sent_ns[0] <= second.arrival_ns
+
+
+KEY = keys.put("main", "wheels", static=False)
+
+
+def message(stamp_ns: int, rows: int = 1) -> bytes:
+    """A put of rows with this stamp."""
+    stampeds = [
+        StampedTransform("map", f"frame{row}", stamp_ns, Transform()) for row in range(rows)
+    ]
+    return wire.pack(wire.commit_body(wire.Commit(TransformRows.of(stampeds))))
+
+
+def test_a_put_that_arrives_while_others_are_sorted_is_not_dated_back(received: Any) -> None:
+    ingest, committed, session, handler = received
+    sent_ns: list[int] = []
+
+    def send_second() -> None:
+        if not sent_ns:
+            sent_ns.append(time.time_ns())
+            session.put(KEY, message(2))
+
+    session.put(KEY, message(1))
+    ingest._receive(Handler(handler, send_second), handler.recv())
+    if len(committed) < 2:
+        ingest._receive(Handler(handler), handler.recv())
+    first_ns, second_ns = (commit.max_stamp_ns - 1_000_000_000 for commit in committed)
+    assert first_ns <= sent_ns[0] <= second_ns
+
+
+def test_only_a_put_that_meets_a_queue_is_queued(received: Any) -> None:
+    ingest, committed, session, handler = received
+
+    def receive(payload: bytes) -> int:
+        session.put(KEY, payload)
+        queued: int = ingest._receive(Handler(handler), handler.recv())
+        return queued
+
+    assert receive(message(1)) == 0
+    assert receive(message(2, rows=4000)) == 1  # needs long
+    assert receive(message(3)) == 1  # would overtake it
+    assert ingest._serve_small() == 0
+    large = ingest._take(small_only=False)
+    assert large is not None
+    assert receive(message(4)) == 1
+    assert ingest._serve([large]) == 1
+    assert ingest._serve_small() == 2
+    assert receive(message(5)) == 0
+    assert [commit.rows.newest_stamp for commit in committed] == [1, 2, 3, 4, 5]

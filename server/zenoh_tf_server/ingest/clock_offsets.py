@@ -112,11 +112,11 @@ class ClockOffsets:
         ahead_ns = newest_stamp_ns - arrival_ns
         with self._lock:
             window = self._authorities.get(authority)
-            if window is not None:
-                window.add(arrival_ns, ahead_ns, ahead_ns)
+            if window is None:
+                self._authorities[authority] = _Window.of(arrival_ns, ahead_ns, ahead_ns)
             else:
-                window = _Window.of(arrival_ns, ahead_ns, ahead_ns)
-            self._authorities[authority] = window
+                window.add(arrival_ns, ahead_ns, ahead_ns)
+                self._authorities.move_to_end(authority)
 
     def add_client_clock(
         self, client: str, clock_ns: int, round_trip_ns: int = -1, of_ns: int = -1

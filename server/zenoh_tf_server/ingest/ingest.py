@@ -1,7 +1,8 @@
 """Ingest of published transforms: each put is one transaction, and a bad one harms no other.
 
-One thread receives the puts from Zenoh, sorts them into a queue per authority (`put_queues`), and
-commits the small ones. A second thread commits the large ones, so that nobody waits for them.
+One thread receives the puts from Zenoh. It commits small ones at once while nothing waits; else it
+sorts them into a queue per authority (`put_queues`), and commits those whose turn it is. A second
+thread commits the large ones, so that nobody waits for them.
 docs/explanation/decisions/0009-puts-queue-per-authority.md has the reasons and the figures.
 
 Thread safety: all methods.
@@ -23,7 +24,7 @@ from zenoh_tf.errors import InvalidArgumentException
 
 from ..limits import Limits
 from .put_commits import PutCommits
-from .put_queues import LARGE_BYTES, Put, PutQueues, Turn
+from .put_queues import LARGE_BYTES, PUT_COST, Put, PutQueues, Turn
 
 #: Puts between Zenoh's receiver and the ingest thread, which empties it after every turn.
 _CHANNEL: Final = 64
@@ -66,7 +67,8 @@ class Ingest:
         self._subscriber: zenoh.Subscriber[Any] | None = None
         self._threads: list[threading.Thread] = []
         self._closing = False
-        self._idle = False  # the receiving thread has found nothing to commit
+        #: The receiving thread has found nothing to commit since it has queued something last.
+        self._idle = True
         # The receiver's: only its thread uses them.
         self._pressing: set[str] = set()
         self._last_authority = ""
@@ -116,8 +118,7 @@ class Ingest:
         if put.size <= self._limits.message_bytes:
             return True
         error = self._limits.exceeded("message_bytes", put.size)
-        self._commits.refuse("", put.authority, 1, error)
-        put.done(False)
+        self._commits.refuse_put(put, 1, error)
         return False
 
     def _queue(self, puts: list[Put], now_s: float) -> list[Put]:
@@ -145,21 +146,23 @@ class Ingest:
 
     def _receive_and_serve(self, handler: Any) -> None:
         try:
-            received = 0
+            received = 0  # puts that are queued since this thread has committed some
             while not self._closing:
                 if self._may_receive():
-                    received += self._receive(handler, handler.try_recv())
+                    # Nothing else is to be done: this thread has queued nothing, and what others
+                    # add the other thread commits.
+                    sample = handler.recv() if self._idle else handler.try_recv()
+                    if sample is not None:
+                        received += self._receive(handler, sample)
+                elif self._idle:
+                    with self._lock:
+                        self._lock.wait(_HOLD_BACK_S / 5)
+                if self._idle:
+                    continue
                 # As many as have come: else a receiver that gets little time would drop most.
                 while (served := self._serve_small()) and served < received:
                     received -= served
                 received = 0
-                if served:
-                    continue
-                if self._may_receive():
-                    received = self._receive(handler, handler.recv())
-                else:
-                    with self._lock:
-                        self._lock.wait(_HOLD_BACK_S / 5)
         except zenoh.ZError:  # undeclared
             return
 
@@ -198,11 +201,11 @@ class Ingest:
 
     def _serve(self, turns: list[Turn]) -> int:
         """Commit the puts of turns. Returns how many they are. Never raises."""
-        if turns:
-            self._commits.run(turns)
-        puts = sum(len(turn.puts) for turn in turns)
+        puts = [put for turn in turns for put in turn.puts]
+        if puts:
+            self._commits.run(puts)
         with self._lock:
-            self._served += puts
+            self._served += len(puts)
             for turn in turns:
                 self._queues.done(turn)
             stale = self._queues.take_dropped()
@@ -210,7 +213,7 @@ class Ingest:
                 self._lock.notify()
         if stale:
             self._commits.count_stale(stale)
-        return puts
+        return len(puts)
 
     # --- receiving
 
@@ -246,9 +249,8 @@ class Ingest:
         return now_s - self._other_seen_s > _ALONE_S
 
     def _receive(self, handler: Any, sample: zenoh.Sample | None) -> int:
-        """Sort a sample and those behind it into the queues. Returns how many puts they are."""
-        if sample is None:
-            return 0
+        """Take a sample and those behind it. Their puts are committed at once if they meet no
+        queue and need little time. Else they are queued: returns how many."""
         if self._gathers:
             time.sleep(_GATHER_S)
         now_s = time.monotonic()
@@ -257,27 +259,38 @@ class Ingest:
         limits = self._limits
         most_bytes = limits.put_queues_bytes if others_wait else self._max_queue_bytes * _BATCH
         puts: list[Put] = []
-        size = 0
-        while True:
+        size = largest = 0
+        while sample is not None:
             put = self._put_of(sample)
             if put is not None:
                 if put.authority != self._last_authority:
                     self._other_seen_s = now_s if puts else self._last_seen_s
                     self._last_authority = put.authority
+                    self._senders.add(put.authority)
                 puts.append(put)
                 size += put.size
-            if size >= most_bytes or len(puts) >= _CHANNEL:
-                break
+                largest = max(largest, put.size)
+                if size >= most_bytes or len(puts) >= _CHANNEL:
+                    break
             sample = handler.try_recv()
-            if sample is None:
-                break
         self._received_s = self._last_seen_s = now_s
         self._served = 0
-        self._follow_rate(puts, now_s)
+        self._counted += len(puts)
+        if self._counted >= _CHANNEL:
+            self._follow_rate(len(puts), now_s)
         if not puts:
+            return 0
+        # What this thread has queued counts until it is committed, so no put overtakes another.
+        if (
+            not self._queues.unfinished
+            and largest <= LARGE_BYTES
+            and size + len(puts) * PUT_COST <= _BATCH_COST
+        ):
+            self._commits.run(puts)
             return 0
         with self._lock:
             lost = self._queue(puts, now_s)
+            self._idle = False
             self._pressing.update(
                 each for each in {put.authority for put in puts} if self._is_pressing(each)
             )
@@ -287,16 +300,13 @@ class Ingest:
             self._commits.count_lost(lost)
         return len(puts)
 
-    def _follow_rate(self, puts: list[Put], now_s: float) -> None:
+    def _follow_rate(self, received: int, now_s: float) -> None:
         """Decide whether to gather in the next turns. Not if the channel may fill meanwhile."""
-        self._counted += len(puts)
-        self._senders.update(put.authority for put in puts)
-        if self._counted >= _CHANNEL:
-            often = self._counted > _GATHER_ABOVE_HZ * (now_s - self._counted_s)
-            is_crowd = len(self._senders) >= _CROWD
-            self._gathers = often and is_crowd and len(puts) < _CHANNEL // 2
-            self._counted, self._counted_s = 0, now_s
-            self._senders.clear()
+        often = self._counted > _GATHER_ABOVE_HZ * (now_s - self._counted_s)
+        is_crowd = len(self._senders) >= _CROWD
+        self._gathers = often and is_crowd and received < _CHANNEL // 2
+        self._counted, self._counted_s = 0, now_s
+        self._senders.clear()
 
     def _put_of(self, sample: zenoh.Sample) -> Put | None:
         """The put of a sample; None if it is none, or is refused at once."""

@@ -1,8 +1,8 @@
-"""Commits the puts of a turn: each at one instant, and a refused one harms no other.
+"""Commits puts: each at one instant, and a refused one harms no other.
 
 Of a put every good row is stored, as tf2 does; the others are counted by reason, and named.
 
-The messages of a turn are decoded in one native call and committed in another, without the
+The messages are decoded in one native call and committed in another, without the
 interpreter lock. Python sees what became of each put.
 
 Thread safety: all methods.
@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import zenoh
+
 from zenoh_tf import admission, wire
 from zenoh_tf._core import TransformRows, decode_puts
 from zenoh_tf.text import quoted
@@ -25,7 +27,7 @@ from ..limits import Limits
 from ..rate_limited_log import RateLimitedLog
 from .clock_offsets import ClockOffsets
 from .future_stamps import FutureStamps
-from .put_queues import Put, Turn
+from .put_queues import Put
 from .refusals import Refusals
 
 #: What became of a put. None: all rows are stored. Bytes: what became of each row
@@ -66,29 +68,50 @@ class PutCommits:
         self._limits = limits
         self._clocks = clocks
         self._future = future
+        self._flags_future = future.flags
+        #: How far a stamp may be ahead of its put's arrival; None: as far as it likes.
+        self._max_future_ns = round(future.max_future_s * 1e9) if future.refuses else None
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ingest"))
         self._lock = threading.Lock()  # of the counters
 
-    def run(self, turns: list[Turn]) -> None:
-        """Commit the puts of turns. Never raises: an error is counted and logged."""
-        counts = PutCounters()
-        commits = self._run([put for turn in turns for put in turn.puts], counts)
-        at = 0
-        for turn in turns:
-            self._measure(turn, commits[at])
-            at += len(turn.puts)
+    def run(self, puts: list[Put]) -> None:
+        """Commit puts in their order. Never raises: an error is counted and logged."""
+        kept, commits = self._decode(puts)
+        stored_puts = stored_rows = old_rows = flagged_rows = bad_puts = 0
+        measured = ""
+        for put, commit, outcome in zip(kept, commits, self._commit(commits), strict=True):
+            if outcome is None:
+                stored_rows += len(commit.rows)
+            elif isinstance(outcome, Exception):
+                self.refuse_put(put, len(commit.rows), outcome)
+                continue
+            else:
+                rows, old = self._count_rows(commit, outcome)
+                stored_rows += rows
+                old_rows += old
+                if isinstance(outcome, admission.Refused) and not rows:
+                    bad_puts += 1
+                    if put.done is not None:
+                        put.done(False)
+                    continue
+            if put.done is not None:
+                put.done(True)
+            stored_puts += 1
+            self._refusals.accept(put.authority)
+            if put.static or not len(commit.rows):
+                continue
+            if put.authority != measured:  # of puts that came together the first one tells most
+                measured = put.authority
+                self._clocks.put_arrived(measured, put.arrival_ns, commit.rows.newest_stamp)
+            if self._flags_future:
+                flagged_rows += self._flag_future(commit, put)
         with self._lock:
-            total = self._counters
-            total.puts += counts.puts
-            total.put_transforms += counts.put_transforms
-            total.dropped_as_too_old += counts.dropped_as_too_old
-            total.flagged_as_future += counts.flagged_as_future
-
-    def _measure(self, turn: Turn, first: wire.Commit | None) -> None:
-        """Follow the clock of a turn's authority by its first put."""
-        if first is not None and not first.static and len(first.rows):
-            arrival_ns = turn.puts[0].arrival_ns
-            self._clocks.put_arrived(first.authority, arrival_ns, first.rows.newest_stamp)
+            counters = self._counters
+            counters.puts += stored_puts
+            counters.put_transforms += stored_rows
+            counters.dropped_as_too_old += old_rows
+            counters.flagged_as_future += flagged_rows
+            counters.bad_puts += bad_puts
 
     def refuse(self, key: str, authority: str | None, transforms: int, error: Exception) -> None:
         """Count and log a refused put. `authority`: None if the key has none."""
@@ -98,6 +121,12 @@ class PutCommits:
         self._log.warn(f"put of {quoted(key if authority is None else authority)}", reason)
         with self._lock:  # last: a client that sees the count finds the reason as well
             self._counters.bad_puts += 1
+
+    def refuse_put(self, put: Put, transforms: int, error: Exception) -> None:
+        """Count and log a put of which nothing is stored, and report it to its sender."""
+        self.refuse("", put.authority, transforms, error)
+        if put.done is not None:
+            put.done(False)
 
     def count_lost(self, lost: Iterable[Put]) -> None:
         """Count and log puts that a queue had no room for."""
@@ -110,8 +139,7 @@ class PutCommits:
             if put.static:
                 most = self._limits.put_queue_bytes
                 error = self._limits.exceeded("put_queue_bytes", put.size + most)
-                self.refuse("", put.authority, 1, error)
-                put.done(False)
+                self.refuse_put(put, 1, error)
 
     def count_stale(self, stale: list[Put]) -> None:
         """Count and log puts that waited for too long."""
@@ -132,53 +160,34 @@ class PutCommits:
 
     # --- committing
 
-    def _run(self, puts: list[Put], counts: PutCounters) -> list[wire.Commit | None]:
-        """Commit puts. Returns the transaction of each; None if it was refused."""
-        decoded = self._decode(puts)
-        outcomes = iter(self._commit([each for each in decoded if type(each) is wire.Commit]))
-        commits: list[wire.Commit | None] = []
-        for put, commit in zip(puts, decoded, strict=True):
-            if isinstance(commit, _Refused):
-                self._settle_refused(put, commit)
-                commits.append(None)
-                continue
-            outcome = next(outcomes)
-            if isinstance(outcome, Exception):
-                self._settle_refused(put, _Refused(outcome, len(commit.rows)))
-                commits.append(None)
-                continue
-            if outcome is not None and not self._count_rows(put, commit, outcome, counts):
-                commits.append(None)
-                continue
-            commits.append(commit)
-            put.done(True)
-            self._refusals.accept(put.authority)
-            counts.puts += 1
-            if outcome is None:
-                counts.put_transforms += len(commit.rows)
-            if self._future.flags and not put.static:
-                counts.flagged_as_future += self._flag_future(commit, put)
-        return commits
-
-    def _decode(self, puts: list[Put]) -> list[wire.Commit | _Refused]:
-        """The transaction of each put, or why there is none."""
-        limits, refuses_future = self._limits, self._future.refuses
-        rows = decode_puts([put.message() for put in puts], limits.rows, limits.decoded_bytes)
-        decoded: list[wire.Commit | _Refused] = []
+    def _decode(self, puts: list[Put]) -> tuple[list[Put], list[wire.Commit]]:
+        """The puts that have a transaction, and these. The others are refused."""
+        messages: list[bytes | None] = []  # those of this project's protocol
+        for put in puts:
+            if type(put.payload) is zenoh.ZBytes:
+                put.payload = put.payload.to_bytes()
+            is_message = type(put.payload) is bytes and put.decode is None
+            messages.append(put.payload if is_message else None)
+        limits, max_future_ns = self._limits, self._max_future_ns
+        kept: list[Put] = []
+        commits: list[wire.Commit] = []
+        rows = decode_puts(messages, limits.rows, limits.decoded_bytes)
         for put, plain in zip(puts, rows, strict=True):
             commit = wire.Commit(plain) if plain is not None else self._commit_of(put)
-            if type(commit) is wire.Commit:
-                # The key counts, not the message: Zenoh's access control has checked the key.
-                commit.authority, commit.static = put.authority, put.static
-                commit.drop_old = commit.drop_bad = True
-                commit.drop_strays = not put.is_relayed
-                if refuses_future:
-                    commit.max_stamp_ns = self._future.limit_ns(put.arrival_ns)
-            decoded.append(commit)
-        return decoded
+            if commit is None:
+                continue
+            # The key counts, not the message: Zenoh's access control has checked the key.
+            commit.authority, commit.static = put.authority, put.static
+            commit.drop_old = commit.drop_bad = True
+            commit.drop_strays = not put.is_relayed
+            if max_future_ns is not None:
+                commit.max_stamp_ns = put.arrival_ns + max_future_ns
+            kept.append(put)
+            commits.append(commit)
+        return kept, commits
 
-    def _commit_of(self, put: Put) -> wire.Commit | _Refused:
-        """The transaction of a put that is no plain message, or why there is none."""
+    def _commit_of(self, put: Put) -> wire.Commit | None:
+        """The transaction of a put that is no plain message; None if it is refused."""
         transforms = 1  # a message that cannot be parsed counts as one transform
         try:
             if type(put.payload) is TransformRows:
@@ -192,48 +201,34 @@ class PutCommits:
             self._limits.check("rows", transforms)
             self._limits.check_names(commit.rows.name_count)
         except Exception as error:
-            return _Refused(error, transforms)
+            self.refuse_put(put, transforms, error)
+            return None
         return commit
 
-    def _settle_refused(self, put: Put, refused: _Refused) -> None:
-        self.refuse("", put.authority, refused.transforms, refused.error)
-        put.done(False)
-
     def _count_rows(
-        self,
-        put: Put,
-        commit: wire.Commit,
-        outcome: bytes | admission.Refused,
-        counts: PutCounters,
-    ) -> bool:
-        """Count the rows of a put of which some are not stored. Returns False if the put is
-        refused: a row of it is, and none is stored."""
+        self, commit: wire.Commit, outcome: bytes | admission.Refused
+    ) -> tuple[int, int]:
+        """Count and log the rows of a put that are not stored. Returns how many are stored, and how
+        many are dropped as too old."""
         refused = outcome if isinstance(outcome, admission.Refused) else None
         stored = outcome if isinstance(outcome, bytes) else outcome.stored
-        rows = stored.count(admission.STORED)
-        counts.put_transforms += rows
-        if not commit.announce:  # what an announcement leaves out is not old
-            counts.dropped_as_too_old += stored.count(admission.TOO_OLD)
         future = stored.count(admission.FROM_FUTURE)
         if future:
             reason = self._future.describe(commit, stored.index(admission.FROM_FUTURE))
             by_reason = {admission.REASONS[admission.FROM_FUTURE]: future}
             self._refusals.refuse(commit.authority, by_reason, reason)
             self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
-        if refused is None:
-            return True
-        sender = quoted(commit.authority)
-        for error in refused.errors:
-            self._log.warn(
-                f"put of {sender}: frame {quoted(error.frame or '')}", admission.described(error)
-            )
-        self._refusals.refuse(commit.authority, refused.by_reason, refused.reason)
-        if rows:
-            return True
-        put.done(False)
-        with self._lock:
-            self._counters.bad_puts += 1
-        return False
+        if refused is not None:
+            sender = quoted(commit.authority)
+            for error in refused.errors:
+                self._log.warn(
+                    f"put of {sender}: frame {quoted(error.frame or '')}",
+                    admission.described(error),
+                )
+            self._refusals.refuse(commit.authority, refused.by_reason, refused.reason)
+        # What an announcement leaves out is not old.
+        old = 0 if commit.announce else stored.count(admission.TOO_OLD)
+        return stored.count(admission.STORED), old
 
     def _flag_future(self, commit: wire.Commit, put: Put) -> int:
         """Log the rows that are from the future; return how many there are."""
@@ -242,11 +237,3 @@ class PutCommits:
             reason = self._future.describe(commit, rows[0])
             self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
         return len(rows)
-
-
-@dataclass(slots=True)
-class _Refused:
-    """Why a put has no transaction, and how many transforms it counts as."""
-
-    error: Exception
-    transforms: int

@@ -40,10 +40,6 @@ MAX_PUTS: Final = 65_536
 _MAX_QUEUES: Final = 1024
 
 
-def _report_nothing(accepted: bool) -> None:
-    """For puts whose sender does not ask."""
-
-
 @dataclass(slots=True, eq=False)
 class Put:
     """One message for the tree."""
@@ -57,7 +53,7 @@ class Put:
     decode: Callable[[bytes], TransformRows] | None = None
     queued_s: float = 0.0  # monotonic time; a put is stale by how long it has waited
     #: Called once: True after it was committed, False if it was refused. Not if it is dropped.
-    done: Callable[[bool], None] = _report_nothing
+    done: Callable[[bool], None] | None = None
     #: It is history: never stale, and a turn of its own.
     is_history: bool = False
     #: Another server has admitted its rows: none of them is a stray (core/commits/time_jumps.cpp).
@@ -67,14 +63,6 @@ class Put:
     def of_rows(cls, authority: str, static: bool, rows: TransformRows, arrival_ns: int) -> Put:
         """A put of rows that another part of the server has decoded."""
         return cls(authority, static, rows, rows.nbytes, arrival_ns)
-
-    def message(self) -> bytes | None:
-        """The message, if it is of this project's protocol."""
-        if type(self.payload) is TransformRows:
-            return None
-        if type(self.payload) is not bytes:
-            self.payload = self.payload.to_bytes()
-        return self.payload if self.decode is None else None
 
 
 @dataclass(slots=True, eq=False)
@@ -163,6 +151,8 @@ class PutQueues:
         self._last_stale: _Queue | None = None  # the last queue that had stale puts
         self._last_stale_s = self._other_stale_s = -inf  # when that one, and another one, had
         self.bytes = 0
+        #: Puts that wait or are in a turn that has not ended.
+        self.unfinished = 0
 
     def add(self, put: Put) -> list[Put]:
         """Queue a put. Return the puts that were dropped for it, and itself if it was refused."""
@@ -182,6 +172,7 @@ class PutQueues:
             dropped += self._forget([oldest])
         queue.append(put)
         self.bytes += put.size
+        self.unfinished += 1
         if queue is self._shared:
             self._in_shared[put.authority] += 1
         else:
@@ -218,6 +209,7 @@ class PutQueues:
             puts.append(queue.popleft())
             cost += puts[-1].size + PUT_COST
         self._forget(puts)
+        self.unfinished += len(puts)  # until `done`
         queue.busy = True
         self._now = max(self._now, queue.start)
         return Turn(queue, puts, cost)
@@ -231,6 +223,7 @@ class PutQueues:
         """End a turn, whose puts are committed."""
         queue = turn.queue
         queue.busy = False
+        self.unfinished -= len(turn.puts)
         queue.start += turn.cost
         if queue.puts:
             self._push(queue)
@@ -261,6 +254,7 @@ class PutQueues:
 
     def _forget(self, puts: list[Put]) -> list[Put]:
         """Take puts that have left their queue out of the totals."""
+        self.unfinished -= len(puts)
         for put in puts:
             self.bytes -= put.size
             if self._in_shared and put.authority in self._in_shared:

@@ -250,20 +250,20 @@ class Service(Handler):
         return admission.refused(self.tree, put.rows, stored) or stored
 
     def _commit_dynamic_puts(self, puts: list[wire.Commit]) -> list[Outcome]:
-        found = self.tree._commit_puts(
-            [put.rows for put in puts],
-            [put.authority for put in puts],
-            [put.max_stamp_ns for put in puts],
-            [put.drop_strays for put in puts],
-        )
-        if self.on_commit is not None or self.links.has_state_file:
-            for put, outcome in zip(puts, found, strict=True):
-                if not isinstance(outcome, Exception):
-                    self._committed(put, outcome or b"\1" * len(put.rows))
-        return [
-            self._outcome(put, outcome) if isinstance(outcome, bytes) else outcome
-            for put, outcome in zip(puts, found, strict=True)
-        ]
+        rows, authorities, max_stamps_ns, drop_strays = [], [], [], []
+        for put in puts:
+            rows.append(put.rows)
+            authorities.append(put.authority)
+            max_stamps_ns.append(put.max_stamp_ns)
+            drop_strays.append(put.drop_strays)
+        stored = self.tree._commit_puts(rows, authorities, max_stamps_ns, drop_strays)
+        is_followed = self.on_commit is not None or self.links.has_state_file
+        outcomes: list[Outcome] = []
+        for put, found in zip(puts, stored, strict=True):
+            if is_followed and not isinstance(found, Exception):
+                self._committed(put, found or b"\1" * len(put.rows))
+            outcomes.append(self._outcome(put, found) if isinstance(found, bytes) else found)
+        return outcomes
 
     def _store(self, commit: wire.Commit) -> tuple[bytes, int]:
         """Commit a call's transaction to the tree: what is stored, and the number of its
