@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from zenoh_tf._core_stubs.change_log import ChangeLog as ChangeLog
 from zenoh_tf._core_stubs.change_log import ChangeReplay as ChangeReplay
+from zenoh_tf._core_stubs.change_log import Changes as Changes
+from zenoh_tf._core_stubs.change_log import Frames as Frames
 from zenoh_tf._core_stubs.change_log import InterestReader as InterestReader
 from zenoh_tf._core_stubs.change_log import wait_for_changes as wait_for_changes
 from zenoh_tf._core_stubs.columns import TransformRows as TransformRows

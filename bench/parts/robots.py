@@ -144,16 +144,25 @@ class RobotServer:
         query.reply(query.key_expr, wire.pack(body))
 
 
-def _changes(stamp_ns: int, seq: int) -> stream.Changes:
+def _changes(stamp_ns: int, seq: int) -> wire.Changes:
     """A sample of each frame that is served."""
     rows = len(SERVED)
     child = np.arange(1, rows + 1, dtype=np.uint32)
     version = np.full(rows, 2 * seq, np.uint64)
     pose = np.tile([1.0, 0, 0, 0, 0, 0, 1], (rows, 1))
-    kind, authority = np.zeros(rows, np.uint8), np.zeros(rows, np.uint32)
-    stamps, lost = np.full(rows, stamp_ns), np.zeros(0, np.uint32)
-    names = ["map", *SERVED]
-    return names, ["wheels"], kind, child, version, child - 1, authority, stamps, pose, lost
+    return wire.Changes(
+        {
+            "names": ["map", *SERVED],
+            "authorities": ["wheels"],
+            "kind": bytes(rows),
+            "frame": child.tobytes(),
+            "version": version.tobytes(),
+            "parent": (child - 1).tobytes(),
+            "authority": bytes(4 * rows),
+            "stamp": np.full(rows, stamp_ns, np.int64).tobytes(),
+            "pose": pose.tobytes(),
+        }
+    )
 
 
 def _bytes(seq: int, clock_ns: int) -> tuple[bytes, ...]:

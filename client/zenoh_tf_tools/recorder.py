@@ -133,7 +133,7 @@ class Recorder:
         self._end_snapshot()
         self._seq = max(self._seq, message.last)
         assert message.changes is not None
-        self.counters.removals += int(np.isin(message.changes[2], (CLEARED, REMOVED)).sum())
+        self.counters.removals += int(np.isin(message.changes.kind, (CLEARED, REMOVED)).sum())
         samples = wire.samples_of_changes(message.changes)
         chosen = np.flatnonzero(samples.has_parent)
         rows, static = samples.rows(chosen), samples.static[chosen]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -35,17 +37,19 @@ def frames(count: int, samples: int = 1, authorities: tuple[str, ...] = ("wheels
     total = int(kept.sum())
     stamp = np.concatenate([np.arange(1, each + 1, dtype=np.int64) for each in kept])
     pose = np.tile([0.0, 0, 0, 0, 0, 0, 1], (total, 1))
-    return (
-        ["map", *(f"part{number}" for number in numbers)],
-        list(authorities),
-        numbers,
-        np.ones(count, np.uint64),
-        (numbers % 4 == 0).astype(np.uint8),
-        (numbers % len(authorities)).astype(np.uint32),
-        kept,
-        stamp,
-        np.zeros(total, np.uint32),
-        pose,
+    return wire.Frames(
+        {
+            "names": ["map", *(f"part{number}" for number in numbers)],
+            "authorities": list(authorities),
+            "frame": numbers.tobytes(),
+            "version": np.ones(count, np.uint64).tobytes(),
+            "static": (numbers % 4 == 0).astype(np.uint8).tobytes(),
+            "authority": (numbers % len(authorities)).astype(np.uint32).tobytes(),
+            "count": kept.tobytes(),
+            "stamp": stamp.tobytes(),
+            "parent": np.zeros(total, np.uint32).tobytes(),
+            "pose": pose.tobytes(),
+        }
     )
 
 
@@ -89,18 +93,18 @@ def changes(*samples: tuple[str, str, str], static: bool = False, stamp: int = 1
     names = sorted({name for sample in samples for name in sample[:2]})
     authorities = sorted({sample[2] for sample in samples})
     count = len(samples)
-    return (
-        names,
-        authorities,
-        np.full(count, wire.stream.STATIC if static else wire.stream.SAMPLE, np.uint8),
-        np.array([names.index(child) for _, child, _ in samples], np.uint32),
-        np.ones(count, np.uint64),
-        np.array([names.index(parent) for parent, _, _ in samples], np.uint32),
-        np.array([authorities.index(each) for *_, each in samples], np.uint32),
-        np.arange(stamp, stamp + count, dtype=np.int64),
-        np.tile([float(stamp), 0, 0, 0, 0, 0, 1], (count, 1)),
-        np.zeros(0, np.uint32),
-    )
+    kind = wire.stream.STATIC if static else wire.stream.SAMPLE
+    columns: dict[str, NDArray[Any]] = {
+        "kind": np.full(count, kind, np.uint8),
+        "frame": np.array([names.index(child) for _, child, _ in samples], np.uint32),
+        "version": np.ones(count, np.uint64),
+        "parent": np.array([names.index(parent) for parent, _, _ in samples], np.uint32),
+        "authority": np.array([authorities.index(each) for *_, each in samples], np.uint32),
+        "stamp": np.arange(stamp, stamp + count, dtype=np.int64),
+        "pose": np.tile([float(stamp), 0, 0, 0, 0, 0, 1], (count, 1)),
+    }
+    fields = {name: column.tobytes() for name, column in columns.items()}
+    return wire.Changes({"names": names, "authorities": authorities, **fields})
 
 
 def test_messages_alike_become_the_same_puts_as_the_first_of_them() -> None:

@@ -68,7 +68,7 @@ def test_backtests_of_a_mirror_know_late_samples() -> None:
     def follow() -> Estimate:
         _, last, lost, changes = log.take(1 << 24)
         assert not lost and changes is not None
-        replay.apply(last, *changes)
+        replay.apply(last, changes)
         return mirror.estimate_transform("map", "base", end_ns + step_ns)
 
     assert follow().error_m < 1e-6

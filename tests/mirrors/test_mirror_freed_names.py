@@ -52,8 +52,8 @@ class HalfRead:
 
     def _load(self, after: int, last: int) -> str:
         _, frames = self.log.read_snapshot(after, last, 1 << 20)
-        self.mirror.replay.load(*frames)
-        return frames[0][0] if frames[0] else ""
+        self.mirror.replay.load(frames)
+        return frames.names[0] if frames.names else ""
 
     def check(self) -> None:
         position = 0
@@ -62,8 +62,8 @@ class HalfRead:
             _, position, lost, changes = self.log.take(1)
             assert not lost
             if position > self.seq and changes is not None:
-                orphaned += int((changes[2] == ORPHANED).sum())
-                self.mirror.replay.apply(position, *changes)
+                orphaned += int((changes.kind == ORPHANED).sum())
+                self.mirror.replay.apply(position, changes)
         assert orphaned > 0
         assert state(self.mirror.tree) == state(self.tree)
         assert sorted(self.mirror.tree.frames()) == sorted(self.tree.frames())
@@ -134,7 +134,7 @@ def test_a_frame_that_comes_back_as_a_parent_has_the_trees_version(frees: bool) 
     _, last, _, changes = log.take(1 << 20)
     assert last == position + 1
     assert changes is not None
-    mirror.replay.apply(last, *changes)
+    mirror.replay.apply(last, changes)
     assert state(mirror.tree) == state(tree)
 
 

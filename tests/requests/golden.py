@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree, wire
-from zenoh_tf._core import TransformRows, reply_to_lookup
+from zenoh_tf._core import Changes, Frames, TransformRows, reply_to_lookup
 from zenoh_tf._net import keys
 from zenoh_tf.errors import BY_CODE, FACTS, TransformException
 from zenoh_tf.estimate import estimate_of
@@ -73,17 +73,19 @@ FACT_VALUES = {
 } | dict.fromkeys([name for name in FACTS if name.endswith(("frame", "root", "field"))], "map")
 
 #: A change of every kind. Two samples of one commit have one version.
-CHANGES: wire.Changes = (
-    NAMES,
-    ["", "lidar"],
-    np.array([0, 0, 1, 2, 3, 4, 5, 6], np.uint8),
-    np.array([1, 1, 2, 0, 1, 2, 0, 1], np.uint32),
-    np.array([4, 4, 8, 8, 12, 12, 16, 20], np.uint64),
-    np.array([0, 0, stream.NO_PARENT], np.uint32),
-    np.array([0, 0, 1], np.uint32),
-    np.array([7, 8, 0]),
-    np.arange(21, dtype=float).reshape(3, 7),
-    np.array([stream.NO_PARENT], np.uint32),
+CHANGES = wire.Changes(
+    {
+        "names": NAMES,
+        "authorities": ["", "lidar"],
+        "kind": bytes([0, 0, 1, 2, 3, 4, 5, 6]),
+        "frame": np.array([1, 1, 2, 0, 1, 2, 0, 1], np.uint32).tobytes(),
+        "version": np.array([4, 4, 8, 8, 12, 12, 16, 20], np.uint64).tobytes(),
+        "parent": np.array([0, 0, stream.NO_PARENT], np.uint32).tobytes(),
+        "authority": np.array([0, 0, 1], np.uint32).tobytes(),
+        "stamp": np.array([7, 8, 0]).tobytes(),
+        "pose": np.arange(21, dtype=float).tobytes(),
+        "lost": np.array([stream.NO_PARENT], np.uint32).tobytes(),
+    }
 )
 
 
@@ -339,8 +341,17 @@ def _add_errors() -> None:
 _add_errors()
 
 
+COLUMNS: dict[type, str] = {
+    Changes: "names authorities kind frame version parent authority stamp pose lost",
+    Frames: "names authorities frame version static authority count stamp parent pose",
+}
+
+
 def plain(value: Any) -> Any:
     """What was read, as JSON can hold it."""
+    for kind, columns in COLUMNS.items():
+        if isinstance(value, kind):
+            return [plain(getattr(value, name)) for name in columns.split()]
     if isinstance(value, TransformRows):
         return [value.names, *(plain(getattr(value, each)) for each in (
             "parent", "child", "stamp", "pose",

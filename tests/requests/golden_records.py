@@ -43,17 +43,19 @@ CLIENT = {
     **{"client": "a1b2", "address": None, "clock_offset_min_s": -0.5, "clock_offset_max_s": 0.5},
     "clock_age_s": 1.0,
 }
-FRAMES: wire.Frames = (
-    NAMES,
-    ["", "lidar"],
-    np.array([0, 1, 2], np.uint32),
-    np.array([4, 8, 12], np.uint64),
-    np.array([0, 0, 1], np.uint8),
-    np.array([0, 1, 1], np.uint32),
-    np.array([0, 2, 1], np.uint32),
-    np.array([7, 8, 0]),
-    np.array([0, stream.NO_PARENT, 1], np.uint32),
-    np.arange(21, dtype=float).reshape(3, 7),
+FRAMES = wire.Frames(
+    {
+        "names": NAMES,
+        "authorities": ["", "lidar"],
+        "frame": np.array([0, 1, 2], np.uint32).tobytes(),
+        "version": np.array([4, 8, 12], np.uint64).tobytes(),
+        "static": bytes([0, 0, 1]),
+        "authority": np.array([0, 1, 1], np.uint32).tobytes(),
+        "count": np.array([0, 2, 1], np.uint32).tobytes(),
+        "stamp": np.array([7, 8, 0]).tobytes(),
+        "parent": np.array([0, stream.NO_PARENT, 1], np.uint32).tobytes(),
+        "pose": np.arange(21, dtype=float).tobytes(),
+    }
 )
 ESTIMATES = wire.Estimates(
     ["map", "base", "arm"],

@@ -64,7 +64,7 @@ def test_each_type_of_message_has_an_example() -> None:
     names = " ".join(golden.MESSAGES)
     for request_type in keys.REQUEST_TYPES:
         assert request_type in names
-    kinds = golden.CHANGES[2].tolist()
+    kinds = golden.CHANGES.kind.tolist()
     assert set(kinds) == set(range(max(kinds) + 1)) and max(kinds) == wire.stream.ORPHANED
 
 

@@ -102,16 +102,16 @@ def test_the_frames_on_the_paths_are_the_servers(seed: int, max_frames: int) -> 
             assert everything is not None
             for mirror in mirrors:
                 if changes is not None:
-                    mirror.replay.apply(seq, *changes)
+                    mirror.replay.apply(seq, changes)
             mirrors.append(Mirror(max_frames=4096))
             if reparented:
                 mirrors[-1].replay.set_ever_reparented()
-            mirrors[-1].replay.apply(seq, *everything)
+            mirrors[-1].replay.apply(seq, everything)
         else:
             seq, _, changes, _ = reader.read(False, MANY)
             for mirror in mirrors:
                 if changes is not None:
-                    mirror.replay.apply(seq, *changes)
+                    mirror.replay.apply(seq, changes)
         assert seq == log.last
         assert not reader.has_changed()
         wanted = paths(before, pairs)
@@ -249,7 +249,7 @@ def test_a_frame_without_samples_has_no_authority(removed: bool) -> None:
     first, last, lost, changes = log.take(MANY)
     assert (first, lost) == (position + 1, False)
     assert changes is not None
-    full.replay.apply(last, *changes)
+    full.replay.apply(last, changes)
     for each in (tree, early.tree, late.tree, full.tree):
         assert each.frame("a").authority == ""
 

@@ -63,7 +63,8 @@ def test_limits_and_arguments() -> None:
     with pytest.raises(LimitExceeded) as caught:
         reader.read(True, 10)
     assert caught.value.field == "interest_frames"
-    assert len(reader.read(True, 21)[3][0]) == 21  # type: ignore[index]
+    everything = reader.read(True, 21)[3]
+    assert everything is not None and len(everything.names) == 21
     with pytest.raises(InvalidArgumentException):
         InterestReader(make_tree(), [], True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from tests.support.logged_trees import FEW_FRAMES, Mirror, Writer, logged, state
 from zenoh_tf import TransformTree
-from zenoh_tf._core import ChangeLog, ChangeReplay, TransformRows
+from zenoh_tf._core import ChangeLog, ChangeReplay, Changes, TransformRows
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -32,31 +33,30 @@ def test_long_messages_are_the_tree(seed: int) -> None:
             assert not lost
             if changes is not None:
                 taken.append(changes)
-                mirror.replay.apply(position, *changes)
-        long.replay.apply(position, *together(taken))
+                mirror.replay.apply(position, changes)
+        long.replay.apply(position, together(taken))
         assert state(mirror.tree) == state(long.tree) == state(tree)
 
 
-def together(messages: list[Any]) -> list[Any]:
+def together(messages: list[Changes]) -> Changes:
     """The changes of several messages as one."""
-    names = {name: None for each in messages for name in each[0]}
-    authorities = {name: None for each in messages for name in each[1]}
-    all_names, all_authorities = list(names), list(authorities)
-    columns = []
-    for column in range(2, 10):
+    names = list({name: None for each in messages for name in each.names})
+    authorities = list({name: None for each in messages for name in each.authorities})
+    fields: dict[str, Any] = {"names": names, "authorities": authorities}
+    for column in ("kind", "frame", "version", "parent", "authority", "stamp", "pose", "lost"):
         parts = []
         for each in messages:
-            part = each[column]
-            if column in (3, 5, 9):  # frame, parent, lost
-                part = renumbered(part, each[0], all_names)
-            elif column == 6:
-                part = renumbered(part, each[1], all_authorities)
+            part = getattr(each, column)
+            if column in ("frame", "parent", "lost"):
+                part = renumbered(part, each.names, names)
+            elif column == "authority":
+                part = renumbered(part, each.authorities, authorities)
             parts.append(part)
-        columns.append(np.concatenate(parts))
-    return [all_names, all_authorities, *columns]
+        fields[column] = np.concatenate(parts).tobytes()
+    return Changes(fields)
 
 
-def renumbered(column: Any, old: list[str], new: list[str]) -> Any:
+def renumbered(column: Any, old: Sequence[str], new: list[str]) -> Any:
     none = (1 << 32) - 1
     return np.array([none if i == none else new.index(old[i]) for i in column], np.uint32)
 
@@ -79,7 +79,7 @@ def test_many_late_samples_cost_a_mirror_no_more_than_the_tree() -> None:
     replay = ChangeReplay(mirror)
     position = log.start()
     _, frames = log.read_snapshot(0, 2, 1 << 30)
-    replay.load(*frames)
+    replay.load(frames)
     begin_s = time.thread_time()
     commit(1_000_000 + 500_000 * np.arange(16_000) + 1)
     middle_s = time.thread_time()
@@ -87,7 +87,7 @@ def test_many_late_samples_cost_a_mirror_no_more_than_the_tree() -> None:
     assert (first, last, lost) == (position + 1, position + 1, False)
     assert changes is not None
     between_s = time.thread_time()
-    replay.apply(last, *changes)
+    replay.apply(last, changes)
     end_s = time.thread_time()
     # Processor time: it was 400 times as much, and is about twice.
     assert end_s - between_s < 30 * (middle_s - begin_s)

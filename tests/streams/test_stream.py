@@ -61,7 +61,7 @@ class Listener:
             return
         assert message.first <= self.position + 1, "a message is missing"
         if message.changes is not None:
-            self.replay.apply(message.last, *message.changes)
+            self.replay.apply(message.last, message.changes)
         self.position = message.last
 
     def follow(self, until: Any) -> None:
@@ -107,7 +107,7 @@ def snapshot(client: Raw, tree: TransformTree, replay: ChangeReplay) -> tuple[st
             answer = client.query("snapshot", wire.snapshot_request(request))
             got = wire.parse_snapshot_piece(answer)
             assert got.piece == piece
-            replay.load(*got.frames)
+            replay.load(got.frames)
             reached = got.reached
     return instance, plan.seq
 

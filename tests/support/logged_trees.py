@@ -46,7 +46,10 @@ def state(tree: TransformTree) -> State:
     found: State = {}
     reached, frames = ChangeLog(tree).read_snapshot(0, 1 << 30, 1 << 40)
     assert reached == 1 << 30
-    (names, authorities, frame, version, static, authority, count, stamp, parent, pose) = frames
+    names, authorities = frames.names, frames.authorities
+    frame, version, static = frames.frame, frames.version, frames.static
+    authority, count = frames.authority, frames.count
+    stamp, parent, pose = frames.stamp, frames.parent, frames.pose
     first = 0
     for row, index in enumerate(frame):
         samples = [
@@ -81,7 +84,7 @@ class Mirror:
             position = int(after)
             while position < last:
                 position, frames = log.read_snapshot(position, int(last), 512)
-                self.replay.load(*frames)
+                self.replay.load(frames)
         return seq, log.last
 
 
@@ -187,7 +190,7 @@ def follow(mirror: Mirror, reader: InterestReader, *, begin: bool = False) -> in
         assert everything is not None
         if reparented:
             mirror.replay.set_ever_reparented()
-        mirror.replay.apply(seq, *everything)
+        mirror.replay.apply(seq, everything)
     elif changes is not None:
-        mirror.replay.apply(seq, *changes)
+        mirror.replay.apply(seq, changes)
     return seq

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.logged_trees import Mirror, logged, state
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf._core import InterestReader, TransformRows
+from zenoh_tf._core import Changes, InterestReader, TransformRows
 from zenoh_tf.errors import InvalidArgumentException
 
 PARTS = ("/", "//", "a", "b", " ", ".", "é", "\x00", "%2F", "*", "a/b")
@@ -65,10 +65,10 @@ def test_each_name_that_a_tree_lists_can_be_used(seed: int) -> None:
     by_log, by_interest = Mirror(), Mirror()
     first, last, lost, changes = log.take(1 << 20)
     assert first and not lost and changes is not None
-    by_log.replay.apply(last, *changes)
+    by_log.replay.apply(last, changes)
     seq, _, changes, _ = interest.read(False, 1 << 20)
     assert changes is not None
-    by_interest.replay.apply(seq, *changes)
+    by_interest.replay.apply(seq, changes)
     assert state(by_log.tree) == state(by_interest.tree) == state(tree)
     again = TransformTree()
     for name in names:
@@ -88,15 +88,17 @@ def test_a_mirror_refuses_names_and_poses_that_no_frame_has() -> None:
     put(tree, "a", 1)
     _, last, _, changes = log.take(1 << 20)
     assert changes is not None
-    names = ["/" + name for name in changes[0]]
+    fields = changes.fields()
+    names = ["/" + name for name in changes.names]
+    texts = {"names": [*changes.names], "authorities": [*changes.authorities]}
     with pytest.raises(InvalidArgumentException, match="begins with '/'"):
-        Mirror().replay.apply(last, names, *changes[1:])
-    pose = changes[8].copy()
+        Mirror().replay.apply(last, Changes({**fields, **texts, "names": names}))
+    pose = changes.pose.copy()
     for value in (math.inf, math.nan, 1e151):
         pose[0, 0] = value
         with pytest.raises(InvalidArgumentException, match="pose"):
-            Mirror().replay.apply(last, *changes[:8], pose, *changes[9:])
-    Mirror().replay.apply(last, *changes)
+            Mirror().replay.apply(last, Changes({**fields, **texts, "pose": pose.tobytes()}))
+    Mirror().replay.apply(last, changes)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -269,6 +269,7 @@ void bind_budget(nb::module_& m);
 void bind_cdr(nb::module_& m);
 void bind_columns(nb::module_& m);
 void bind_join_buffers(nb::module_& m);
+void bind_message_columns(nb::module_& m);
 void bind_message_size(nb::module_& m);
 void bind_single_lookup(nb::module_& m);
 void bind_transform(nb::module_& m);

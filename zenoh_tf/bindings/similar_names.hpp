@@ -13,7 +13,9 @@ namespace ztf {
 
 // How many of a tree's names an error compares. That takes about 0.1 ms, and everybody may ask for
 // a frame that does not exist.
-inline constexpr FrameId kMostCompared = 1000;
+inline constexpr std::size_t kMostCompared = 1000;
+// Among so many ids: those of removed frames are passed over.
+inline constexpr FrameId kMostVisited = 16'000;
 
 // At most `most` of the names that are most like one that does not exist, best first: those that
 // differ in case or slashes, then by a prefix, as robot1/base_link does from base_link, then by
@@ -34,7 +36,8 @@ std::string did_you_mean(const AnyTree& tree, std::initializer_list<std::string_
   for (const std::string_view name : asked)
     if (tree.find(name) == 0 && std::ranges::find(unknown, name) == unknown.end())
       unknown.emplace_back(name);
-  for (FrameId id = 1, n = std::min(tree.size(), kMostCompared); id <= n; ++id)
+  const FrameId last = std::min(tree.size(), kMostVisited);
+  for (FrameId id = 1; id <= last && names.size() < kMostCompared; ++id)
     if (!tree.removed(id)) names.push_back(tree.name(id));
   const std::string question = did_you_mean(unknown, names);
   return question.empty() ? "" : "; " + question;

@@ -74,7 +74,7 @@ class Copy:
     def load(self, piece: wire.SnapshotRequest, loaded: wire.SnapshotPiece) -> None:
         """Add a piece's frames; ask for its rest if it was cut short."""
         if self.replay is not None:
-            self.replay.load(*loaded.frames)
+            self.replay.load(loaded.frames)
         if self.observer is not None:
             self.observer.load(loaded.frames)
         self.complete_at_seq = max(self.complete_at_seq, loaded.last)
@@ -94,7 +94,7 @@ class Copy:
     def _add(self, message: wire.StreamMessage) -> None:
         assert message.changes is not None
         if self.replay is not None:
-            self.replay.apply(message.last, *message.changes)
+            self.replay.apply(message.last, message.changes)
         if self.observer is not None:
             self.observer.apply(message)
 

@@ -6,6 +6,7 @@ mirrors follow, and `interest` which part of it. docs/reference/protocol.md desc
 languages.
 """
 
+from .._core import Changes, Frames
 from .calls import (
     batch_body,
     batch_reply,
@@ -103,8 +104,6 @@ from .replica import (
 )
 from .stream import (
     NO_BOUNDS,
-    Changes,
-    Frames,
     Samples,
     SnapshotPiece,
     SnapshotPlan,

@@ -1,7 +1,7 @@
 """Messages of the commit stream, snapshots and missed messages (docs/reference/protocol.md,
 "stream").
 
-The columns are those of `zenoh_tf._core.ChangeLog` and `ChangeReplay`, as tuples in their order.
+The columns of changes and frames are `zenoh_tf._core.Changes` and `Frames`.
 """
 
 from __future__ import annotations
@@ -12,27 +12,20 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import TransformRows
+from .._core import Changes, Frames, TransformRows
 from .error_codec import raise_error
 from .fields import (
-    F64,
-    I64,
-    U8,
     U32,
-    U64,
     VERSION,
     Message,
     column,
     flag,
-    highest,
-    indexes,
     integer,
     items,
     malformed,
     mapping,
     raw,
     text,
-    texts,
 )
 from .interest import Interest
 from .tree_settings import TreeSettings, parse_tree_settings
@@ -51,34 +44,6 @@ NO_PARENT: Final = (1 << 32) - 1
 
 #: Of a plan without pieces.
 NO_BOUNDS: Final = np.zeros(0, np.uint32)
-
-#: names, authorities, kind, frame, version; of samples: parent, authority, stamp, pose; and of
-#: orphaned frames: the parent that samples lost
-Changes = tuple[
-    list[str],
-    list[str],
-    NDArray[np.uint8],
-    NDArray[np.uint32],
-    NDArray[np.uint64],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.float64],
-    NDArray[np.uint32],
-]
-#: names, authorities, frame, version, static, authority, count; and of samples: stamp, parent, pose
-Frames = tuple[
-    list[str],
-    list[str],
-    NDArray[np.uint32],
-    NDArray[np.uint64],
-    NDArray[np.uint8],
-    NDArray[np.uint32],
-    NDArray[np.uint32],
-    NDArray[np.int64],
-    NDArray[np.uint32],
-    NDArray[np.float64],
-]
 
 
 class Samples(NamedTuple):
@@ -105,16 +70,30 @@ class Samples(NamedTuple):
 
 
 def samples_of_changes(changes: Changes) -> Samples:
-    names, authorities, kind, frame, _, parent, authority, stamp, pose, _ = changes
-    kinds = kind[kind <= STATIC]
-    child = frame[kind <= STATIC]
-    return Samples(names, authorities, parent, child, stamp, pose, authority, kinds == STATIC)
+    has_sample = changes.kind <= STATIC
+    return Samples(
+        list(changes.names),
+        list(changes.authorities),
+        changes.parent,
+        changes.frame[has_sample],
+        changes.stamp,
+        changes.pose,
+        changes.authority,
+        changes.kind[has_sample] == STATIC,
+    )
 
 
 def samples_of_frames(frames: Frames) -> Samples:
-    names, authorities, frame, _, static, authority, count, stamp, parent, pose = frames
-    child, authority, is_static = (np.repeat(c, count) for c in (frame, authority, static != 0))
-    return Samples(names, authorities, parent, child, stamp, pose, authority, is_static)
+    return Samples(
+        list(frames.names),
+        list(frames.authorities),
+        frames.parent,
+        np.repeat(frames.frame, frames.count),
+        frames.stamp,
+        frames.pose,
+        np.repeat(frames.authority, frames.count),
+        np.repeat(frames.static != 0, frames.count),
+    )
 
 
 @dataclass(slots=True)
@@ -141,25 +120,7 @@ def stream_body(message: StreamMessage) -> Message:
     if message.real_ns is not None:
         body["real_ns"] = message.real_ns
     if message.changes is not None:
-        body |= _fields(message.changes)
-    return body
-
-
-def _fields(changes: Changes) -> Message:
-    names, authorities, kind, frame, version, parent, authority, stamp, pose, lost = changes
-    body: Message = {
-        "names": names,
-        "authorities": authorities,
-        "kind": raw(kind, U8),
-        "frame": raw(frame, U32),
-        "version": raw(version, U64),
-        "parent": raw(parent, U32),
-        "authority": raw(authority, U32),
-        "stamp": raw(stamp, I64),
-        "pose": raw(pose, F64),
-    }
-    if lost.size:  # names lose their ids only at the limit of frames
-        body["lost"] = raw(lost, U32)
+        body |= message.changes.fields()
     return body
 
 
@@ -175,38 +136,8 @@ def parse_stream(body: Message) -> StreamMessage:
     if message.last < message.first - 1:
         raise malformed("last", "at least first - 1")
     if "kind" in body:
-        message.changes = _parse(body)
+        message.changes = Changes(body)
     return message
-
-
-def _parse(body: Message) -> Changes:
-    names, authorities = texts(body, "names"), texts(body, "authorities")
-    kind = column(body, "kind", U8)
-    samples, orphaned = kind.size, 0
-    if (last := highest(kind)) > ORPHANED:
-        raise malformed("kind", f"at most {ORPHANED}")
-    if last > STATIC:
-        samples = int(np.count_nonzero(kind <= STATIC))
-        orphaned = int(np.count_nonzero(kind == ORPHANED))
-    return (
-        names,
-        authorities,
-        kind,
-        indexes(body, "frame", kind.size, len(names)),
-        column(body, "version", U64, kind.size),
-        _parents(body, "parent", samples, len(names)),
-        indexes(body, "authority", samples, len(authorities)),
-        column(body, "stamp", I64, samples),
-        column(body, "pose", F64, samples, 7).reshape(samples, 7),
-        _parents(body, "lost", orphaned, len(names)) if orphaned else np.zeros(0, np.uint32),
-    )
-
-
-def _parents(body: Message, field: str, rows: int, names: int) -> NDArray[np.uint32]:
-    parents = column(body, field, U32, rows)
-    if highest(parents) >= names and bool(np.any((parents >= names) & (parents != NO_PARENT))):
-        raise malformed(field, f"indexes below {names}, or {NO_PARENT}")
-    return parents
 
 
 # --- snapshot
@@ -226,7 +157,7 @@ class SnapshotPlan:
 
 def snapshot_plan_reply(plan: SnapshotPlan) -> Message:
     """The reply to a `snapshot` request without a piece, without the envelope."""
-    return ({} if plan.changes is None else _fields(plan.changes)) | {
+    return ({} if plan.changes is None else plan.changes.fields()) | {
         "seq": plan.seq,
         "reparented": plan.ever_reparented,
         "bounds": raw(plan.bounds, U32),
@@ -239,7 +170,7 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
     """The plan in a reply. Raises the error that it carries, or ProtocolError."""
     raise_error(reply)
     bounds = column(reply, "bounds", U32)
-    changes = _parse(reply) if "kind" in reply else None
+    changes = Changes(reply) if "kind" in reply else None
     if (changes is None and bounds.size < 2) or bool(np.any(bounds[:-1] > bounds[1:])):
         raise malformed("bounds", "two or more ascending ids")
     return SnapshotPlan(
@@ -299,47 +230,18 @@ class SnapshotPiece:
 
 def snapshot_piece_reply(piece: SnapshotPiece) -> Message:
     """The reply with a piece, without the envelope."""
-    names, authorities, frame, version, static, authority, count, stamp, parent, pose = piece.frames
-    return {
-        "piece": piece.piece,
-        "reached": piece.reached,
-        "last": piece.last,
-        "names": names,
-        "authorities": authorities,
-        "frame": raw(frame, U32),
-        "version": raw(version, U64),
-        "static": raw(static, U8),
-        "authority": raw(authority, U32),
-        "count": raw(count, U32),
-        "stamp": raw(stamp, I64),
-        "parent": raw(parent, U32),
-        "pose": raw(pose, F64),
-    }
+    body: Message = {"piece": piece.piece, "reached": piece.reached, "last": piece.last}
+    return body | piece.frames.fields()
 
 
 def parse_snapshot_piece(reply: Message) -> SnapshotPiece:
     """The piece in a reply. Raises the error that it carries, or ProtocolError."""
     raise_error(reply)
-    names, authorities = texts(reply, "names"), texts(reply, "authorities")
-    frame = indexes(reply, "frame", None, len(names))
-    count = column(reply, "count", U32, frame.size)
-    samples = int(count.sum(dtype=np.uint64))
     return SnapshotPiece(
         integer(reply, "piece", low=0),
         integer(reply, "reached", low=0),
         integer(reply, "last", low=0),
-        (
-            names,
-            authorities,
-            frame,
-            column(reply, "version", U64, frame.size),
-            column(reply, "static", U8, frame.size),
-            indexes(reply, "authority", frame.size, len(authorities)),
-            count,
-            column(reply, "stamp", I64, samples),
-            _parents(reply, "parent", samples, len(names)),
-            column(reply, "pose", F64, samples, 7).reshape(samples, 7),
-        ),
+        Frames(reply),
     )
 
 

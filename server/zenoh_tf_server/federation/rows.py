@@ -79,9 +79,10 @@ class Rows:
     def of_changes(self, changes: wire.Changes, *, is_copy: bool = False) -> Iterator[Put]:
         """Puts of a message of the stream: what each authority has committed; with `is_copy`, all
         that there is of an interest, as `of_frames`."""
-        names, authorities, kind, frame, _, parent, authority, stamp, pose, _ = changes
-        columns = tuple(column.tobytes() for column in (kind, frame, parent, authority))
-        key = (names, authorities, columns, self._quota.generation)
+        kind, stamp, pose = changes.kind, changes.stamp, changes.pose
+        columns = (kind, changes.frame, changes.parent, changes.authority)
+        shape = tuple(column.tobytes() for column in columns)
+        key = (changes.names, changes.authorities, shape, self._quota.generation)
         last = self._last
         if last is not None and last.key == key and not is_copy:
             self.received += len(stamp)
@@ -106,7 +107,7 @@ class Rows:
         is_simple = len(puts) == 1 and len(kind) == len(stamp)  # samples, and nothing else
         if is_simple and len(chosen) + self.left_out - left_out == len(stamp):  # none was refused
             self._last = _Shape(
-                (names, authorities, columns, self._quota.generation),
+                key,
                 samples.names,
                 samples.parent[chosen],
                 samples.child[chosen],

@@ -1,7 +1,7 @@
 // ChangeLog: the consumer of a tree's change log, and the reader of its snapshots.
 //
 // GIL: waiting, and reading a snapshot, release it.
-#include "bindings/replication/change_columns.hpp"
+#include "bindings/replication/message_columns.hpp"
 #include "replication/snapshot.hpp"
 
 namespace ztf {
@@ -37,7 +37,7 @@ class Consumer {
       changes = changes_of(taken->entries);
     }
     nb::object found = nb::none();
-    if (!taken->entries.empty()) found = python_of(changes);
+    if (!taken->entries.empty()) found = nb::cast(Changes(changes));
     return nb::make_tuple(taken->first, taken->last, taken->lost, found);
   }
 
@@ -58,7 +58,7 @@ class Consumer {
       const GilReleased released;
       piece = SnapshotReader(tree_.state()).read(after, last, most_bytes);
     }
-    return nb::make_tuple(piece->reached, python_of(piece->frames));
+    return nb::make_tuple(piece->reached, Frames(piece->frames));
   }
 
  private:

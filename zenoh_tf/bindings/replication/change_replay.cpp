@@ -5,10 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <unordered_set>
 
 #include "bindings/reads/read_rows.hpp"
+#include "bindings/replication/message_columns.hpp"
 #include "commits/validation.hpp"
 #include "replication/snapshot.hpp"
 
@@ -16,27 +16,18 @@ namespace ztf {
 
 namespace {
 
-// `none`: an index that refers to nothing.
-void check_indexes(const Column<std::uint32_t>& column, std::size_t size, const char* field,
-                   std::optional<std::uint32_t> none = {}) {
-  rejected_as_error([&] {
-    for (const std::uint32_t index : span_of(column))
-      if (index != none) checked(index, size, field);
-  });
-}
-
 // A version that is not one would leave a frame locked, or without a name.
-void check_versions(const Column<Version>& column) {
+void check_versions(std::span<const Version> column) {
   constexpr Version kBits = SeqLock::kWriting | SeqLock::kWriteLocked;
-  for (const Version version : span_of(column))
+  for (const Version version : column)
     if (version == 0 || (version & kBits) != 0)
       raise_invalid("version has " + std::to_string(version) + ", which no frame can have",
                     "version");
 }
 
 // A pose that no commit accepts would make results infinite, or no number.
-void check_poses(const PoseColumn& column) {
-  for (const Pose& p : span_of(column)) {
+void check_poses(std::span<const Pose> column) {
+  for (const Pose& p : column) {
     const double norm2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw;
     if (!is_valid_translation(p) || !(std::abs(norm2 - 1) < 1e-2))
       raise_invalid("pose has a value that no link can have", "pose");
@@ -73,70 +64,30 @@ class Replay {
           "concurrency");
   }
 
-  void apply(Seq last, nb::handle names, nb::handle authorities, const Column<std::uint8_t>& kind,
-             const Column<std::uint32_t>& frame, const Column<Version>& version,
-             const Column<std::uint32_t>& parent, const Column<std::uint32_t>& authority,
-             const Column<Stamp>& stamp, const PoseColumn& pose,
-             const Column<std::uint32_t>& lost) {
-    const Texts texts(tree_, names, authorities);
-    fit(frame, kind.shape(0), "frame");
-    fit(version, kind.shape(0), "version");
-    check_indexes(frame, texts.names.size(), "frame");
-    check_versions(version);
-    std::vector<ChangeKind> kinds(kind.shape(0));
-    std::size_t samples = 0, orphaned = 0;
-    for (std::size_t i = 0; i < kinds.size(); ++i) {
-      if (kind(i) > static_cast<std::uint8_t>(ChangeKind::orphaned))
-        raise_invalid("kind has the unknown kind " + std::to_string(kind(i)), "kind");
-      kinds[i] = static_cast<ChangeKind>(kind(i));
-      samples += has_sample(kinds[i]);
-      orphaned += kinds[i] == ChangeKind::orphaned;
-    }
-    fit(parent, samples, "parent");
-    fit(authority, samples, "authority");
-    fit(stamp, samples, "stamp");
-    fit(pose, samples, "pose");
-    fit(lost, orphaned, "lost");
-    check_poses(pose);
-    check_indexes(parent, texts.names.size(), "parent", kNoParent);
-    check_indexes(lost, texts.names.size(), "lost", kNoParent);
-    check_indexes(authority, texts.authorities.size(), "authority");
-    const ChangeColumns columns{
-        texts.names,     texts.authorities,  kinds,          span_of(frame), span_of(version),
-        span_of(parent), span_of(authority), span_of(stamp), span_of(pose),  span_of(lost)};
+  void apply(Seq last, const Changes& changes) {
+    const Texts texts(tree_, changes.names, changes.authorities);
+    const ChangeColumns columns = changes.view(texts.names, texts.authorities);
+    check_versions(columns.version);
+    check_poses(columns.pose);
     rejected_as_error([&] {
       const GilReleased released;
       replay_.apply(columns, last);
     });
   }
 
-  void load(nb::handle names, nb::handle authorities, const Column<std::uint32_t>& frame,
-            const Column<Version>& version, const Column<std::uint8_t>& is_static,
-            const Column<std::uint32_t>& authority, const Column<std::uint32_t>& count,
-            const Column<Stamp>& stamp, const Column<std::uint32_t>& parent,
-            const PoseColumn& pose) {
-    const Texts texts(tree_, names, authorities);
-    const std::size_t n = frame.shape(0);
-    fit(version, n, "version");
-    fit(is_static, n, "static");
-    fit(authority, n, "authority");
-    fit(count, n, "count");
-    check_indexes(frame, texts.names.size(), "frame");
-    check_indexes(authority, texts.authorities.size(), "authority");
-    check_versions(version);
+  void load(const Frames& frames) {
+    const Texts texts(tree_, frames.names, frames.authorities);
+    const FrameColumns columns = frames.view(texts.names, texts.authorities);
+    check_versions(columns.version);
+    check_poses(columns.pose);
     std::size_t samples = 0;
-    for (std::size_t i = 0; i < n; ++i) {
-      if (is_static(i) && count(i) != 1) raise_invalid("a static frame has one sample", "count");
-      check_stamps(stamp, samples, count(i));
-      samples += count(i);
+    for (std::size_t i = 0; i < columns.frame.size(); ++i) {
+      const std::uint32_t count = columns.count[i];
+      if (columns.is_static[i] && count != 1)
+        raise_invalid("a static frame has one sample", "count");
+      check_stamps(columns.stamp.subspan(samples, count));
+      samples += count;
     }
-    fit(stamp, samples, "stamp");
-    fit(parent, samples, "parent");
-    fit(pose, samples, "pose");
-    check_poses(pose);
-    const FrameColumns columns{
-        texts.names,        texts.authorities, span_of(frame), span_of(version), span_of(is_static),
-        span_of(authority), span_of(count),    span_of(stamp), span_of(parent),  span_of(pose)};
     rejected_as_error([&] {
       const GilReleased released;
       replay_.load(columns);
@@ -147,10 +98,9 @@ class Replay {
 
  private:
   // A frame's samples must have ascending stamps.
-  static void check_stamps(const Column<Stamp>& stamp, std::size_t first, std::size_t count) {
-    if (stamp.shape(0) - first < count) raise_invalid("stamp has too few rows", "stamp");
-    for (std::size_t i = first + 1; i < first + count; ++i)
-      if (stamp(i) <= stamp(i - 1)) raise_invalid("stamp must ascend in each frame", "stamp");
+  static void check_stamps(std::span<const Stamp> stamps) {
+    for (std::size_t i = 1; i < stamps.size(); ++i)
+      if (stamps[i] <= stamps[i - 1]) raise_invalid("stamp must ascend in each frame", "stamp");
   }
 
   Tree& tree_;
@@ -162,12 +112,8 @@ class Replay {
 void bind_change_replay(nb::module_& m) {
   nb::class_<Replay>(m, "ChangeReplay", "Makes a tree the mirror of another.")
       .def(nb::init<Tree&>(), nb::arg("tree"), nb::keep_alive<1, 2>())
-      .def("apply", &Replay::apply, nb::arg("last"), nb::arg("names"), nb::arg("authorities"),
-           nb::arg("kind"), nb::arg("frame"), nb::arg("version"), nb::arg("parent"),
-           nb::arg("authority"), nb::arg("stamp"), nb::arg("pose"), nb::arg("lost"))
-      .def("load", &Replay::load, nb::arg("names"), nb::arg("authorities"), nb::arg("frame"),
-           nb::arg("version"), nb::arg("static"), nb::arg("authority"), nb::arg("count"),
-           nb::arg("stamp"), nb::arg("parent"), nb::arg("pose"))
+      .def("apply", &Replay::apply, nb::arg("last"), nb::arg("changes"))
+      .def("load", &Replay::load, nb::arg("frames"))
       .def("set_ever_reparented", &Replay::set_ever_reparented);
 }
 

@@ -8,7 +8,7 @@
 #include <chrono>
 #include <thread>
 
-#include "bindings/replication/change_columns.hpp"
+#include "bindings/replication/message_columns.hpp"
 
 namespace ztf {
 
@@ -25,9 +25,10 @@ class Interest {
       const GilReleased released;
       return reader_.read(with_all, max_frames);
     });
-    return nb::make_tuple(result.seq, result.ever_reparented,
-                          result.changes.kind.empty() ? nb::none() : python_of(result.changes),
-                          with_all ? python_of(result.all) : nb::none());
+    nb::object changes = nb::none(), all = nb::none();
+    if (!result.changes.kind.empty()) changes = nb::cast(Changes(result.changes));
+    if (with_all) all = nb::cast(Changes(result.all));
+    return nb::make_tuple(result.seq, result.ever_reparented, changes, all);
   }
   [[nodiscard]] bool has_changed() const { return reader_.has_changed(); }
   [[nodiscard]] std::size_t frames() const { return reader_.frames(); }
