@@ -226,7 +226,7 @@ def _not_zenoh(where: str) -> Failure:
 
 
 def _refused(where: str, credentials: Credentials) -> Failure:
-    """The error if the port is fine and Zenoh opens no session, for a reason that it does not give."""
+    """The error if the port is fine and Zenoh opens no session, without giving a reason."""
     room = "or it has no room for another client (--limit connections=N)"
     if credentials.user is None:
         return AccessDenied(
