@@ -11,11 +11,6 @@ static_assert(std::endian::native == std::endian::little);
 static_assert(sizeof(ChangeKind) == 1);
 static_assert(sizeof(Pose) == 7 * sizeof(double) && alignof(Pose) == alignof(double));
 
-template <class T>
-nb::bytes bytes_of(const std::vector<T>& column) {
-  return nb::bytes(column.data(), column.size() * sizeof(T));
-}
-
 // CPython puts the bytes behind a header of 32 bytes, so they are aligned for numbers of 8.
 template <class T>
 std::span<const T> values_of(const nb::bytes& column) {
@@ -70,34 +65,51 @@ nb::bytes index_field(const nb::dict& message, const char* field, std::optional<
   return column;
 }
 
+template <class Columns, class Table>
+void fill(Columns& columns, const Table& table) {
+  columns.names = texts_of(table.names);
+  columns.authorities = texts_of(table.authorities);
+  Columns::each_column([&](const char*, auto column, auto of_table) {
+    const auto& values = table.*of_table;
+    columns.*column = nb::bytes(values.data(), values.size() * sizeof(values[0]));
+  });
+}
+
+template <class Columns>
+nb::dict fields_of(const Columns& columns) {
+  nb::dict out;
+  out["names"] = columns.names;
+  out["authorities"] = columns.authorities;
+  Columns::each_column([&](const char* name, auto column, auto) { out[name] = columns.*column; });
+  return out;
+}
+
 // A column as an array, which keeps its bytes alive.
-template <class T, auto member>
-void def_column(auto& type, const char* name) {
-  type.def_prop_ro(name, [](const typename std::decay_t<decltype(type)>::Type& self) {
-    const nb::bytes& column = self.*member;
-    if constexpr (std::is_same_v<T, Pose>) {
-      const std::size_t shape[] = {column.size() / sizeof(Pose), 7};
-      return nb::cast(nb::ndarray<nb::numpy, const double>(column.c_str(), 2, shape, column));
-    } else {
-      const std::size_t shape[] = {column.size() / sizeof(T)};
-      return nb::cast(nb::ndarray<nb::numpy, const T>(column.c_str(), 1, shape, column));
-    }
+template <class T>
+nb::object array_of(const nb::bytes& column) {
+  using Number = std::conditional_t<std::is_enum_v<T>, std::uint8_t,
+                                    std::conditional_t<std::is_same_v<T, Pose>, double, T>>;
+  const std::size_t shape[] = {column.size() / sizeof(T), sizeof(T) / sizeof(Number)};
+  const std::size_t dimensions = shape[1] == 1 ? 1 : 2;
+  return nb::cast(nb::ndarray<nb::numpy, const Number>(column.c_str(), dimensions, shape, column));
+}
+
+template <class Columns>
+void bind(nb::module_& m, const char* name, const char* doc) {
+  auto type = nb::class_<Columns>(m, name, doc)
+                  .def(nb::init<const nb::dict&>(), nb::arg("message"))
+                  .def("fields", &Columns::fields)
+                  .def_ro("names", &Columns::names)
+                  .def_ro("authorities", &Columns::authorities);
+  Columns::each_column([&]<class Table, class T>(const char* field, nb::bytes Columns::* column,
+                                                 std::vector<T> Table::*) {
+    type.def_prop_ro(field, [column](const Columns& self) { return array_of<T>(self.*column); });
   });
 }
 
 }  // namespace
 
-Changes::Changes(const ChangeTable& t)
-    : names(texts_of(t.names)),
-      authorities(texts_of(t.authorities)),
-      kind(bytes_of(t.kind)),
-      frame(bytes_of(t.frame)),
-      version(bytes_of(t.version)),
-      parent(bytes_of(t.parent)),
-      authority(bytes_of(t.authority)),
-      stamp(bytes_of(t.stamp)),
-      pose(bytes_of(t.pose)),
-      lost(bytes_of(t.lost)) {}
+Changes::Changes(const ChangeTable& table) { fill(*this, table); }
 
 Changes::Changes(const nb::dict& message)
     : names(texts_field(message, "names")),
@@ -122,17 +134,8 @@ Changes::Changes(const nb::dict& message)
 }
 
 nb::dict Changes::fields() const {
-  nb::dict out;
-  out["names"] = names;
-  out["authorities"] = authorities;
-  out["kind"] = kind;
-  out["frame"] = frame;
-  out["version"] = version;
-  out["parent"] = parent;
-  out["authority"] = authority;
-  out["stamp"] = stamp;
-  out["pose"] = pose;
-  if (lost.size() != 0) out["lost"] = lost;  // names lose their ids only at the limit of frames
+  nb::dict out = fields_of(*this);
+  if (lost.size() == 0) nb::del(out["lost"]);  // names lose their ids only at the limit of frames
   return out;
 }
 
@@ -150,17 +153,7 @@ ChangeColumns Changes::view(std::span<const std::string_view> name_texts,
           values_of<std::uint32_t>(lost)};
 }
 
-Frames::Frames(const FrameTable& t)
-    : names(texts_of(t.names)),
-      authorities(texts_of(t.authorities)),
-      frame(bytes_of(t.frame)),
-      version(bytes_of(t.version)),
-      is_static(bytes_of(t.is_static)),
-      authority(bytes_of(t.authority)),
-      count(bytes_of(t.count)),
-      stamp(bytes_of(t.stamp)),
-      parent(bytes_of(t.parent)),
-      pose(bytes_of(t.pose)) {}
+Frames::Frames(const FrameTable& table) { fill(*this, table); }
 
 Frames::Frames(const nb::dict& message)
     : names(texts_field(message, "names")),
@@ -178,20 +171,7 @@ Frames::Frames(const nb::dict& message)
   pose = column_field<Pose>(message, "pose", samples);
 }
 
-nb::dict Frames::fields() const {
-  nb::dict out;
-  out["names"] = names;
-  out["authorities"] = authorities;
-  out["frame"] = frame;
-  out["version"] = version;
-  out["static"] = is_static;
-  out["authority"] = authority;
-  out["count"] = count;
-  out["stamp"] = stamp;
-  out["parent"] = parent;
-  out["pose"] = pose;
-  return out;
-}
+nb::dict Frames::fields() const { return fields_of(*this); }
 
 FrameColumns Frames::view(std::span<const std::string_view> name_texts,
                           std::span<const std::string_view> authority_texts) const {
@@ -208,32 +188,8 @@ FrameColumns Frames::view(std::span<const std::string_view> name_texts,
 }
 
 void bind_message_columns(nb::module_& m) {
-  auto changes = nb::class_<Changes>(m, "Changes", "What commits have changed, as columns.")
-                     .def(nb::init<const nb::dict&>(), nb::arg("message"))
-                     .def("fields", &Changes::fields)
-                     .def_ro("names", &Changes::names)
-                     .def_ro("authorities", &Changes::authorities);
-  def_column<std::uint8_t, &Changes::kind>(changes, "kind");
-  def_column<std::uint32_t, &Changes::frame>(changes, "frame");
-  def_column<Version, &Changes::version>(changes, "version");
-  def_column<std::uint32_t, &Changes::parent>(changes, "parent");
-  def_column<std::uint32_t, &Changes::authority>(changes, "authority");
-  def_column<Stamp, &Changes::stamp>(changes, "stamp");
-  def_column<Pose, &Changes::pose>(changes, "pose");
-  def_column<std::uint32_t, &Changes::lost>(changes, "lost");
-  auto frames = nb::class_<Frames>(m, "Frames", "Frames with their histories, as columns.")
-                    .def(nb::init<const nb::dict&>(), nb::arg("message"))
-                    .def("fields", &Frames::fields)
-                    .def_ro("names", &Frames::names)
-                    .def_ro("authorities", &Frames::authorities);
-  def_column<std::uint32_t, &Frames::frame>(frames, "frame");
-  def_column<Version, &Frames::version>(frames, "version");
-  def_column<std::uint8_t, &Frames::is_static>(frames, "static");
-  def_column<std::uint32_t, &Frames::authority>(frames, "authority");
-  def_column<std::uint32_t, &Frames::count>(frames, "count");
-  def_column<Stamp, &Frames::stamp>(frames, "stamp");
-  def_column<std::uint32_t, &Frames::parent>(frames, "parent");
-  def_column<Pose, &Frames::pose>(frames, "pose");
+  bind<Changes>(m, "Changes", "What commits have changed, as columns.");
+  bind<Frames>(m, "Frames", "Frames with their histories, as columns.");
 }
 
 }  // namespace ztf
