@@ -6,8 +6,19 @@ This package has the embedded tree, and the types that client and server share.
 
 from importlib.metadata import version as _version
 
+try:
+    from zenoh_tf._core import Transform
+except ModuleNotFoundError as error:
+    if error.name != "zenoh_tf._core":
+        raise
+    raise ImportError(
+        f"{__path__[0]} is a folder of zenoh-tf's sources, without the native module: it hides the "
+        "installed package, as Python searches the current folder first. Run Python in another "
+        "folder or with -P, or build the native module here with `make native`"
+    ) from None
+
 from zenoh_tf import errors
-from zenoh_tf._core import Estimate, LatestTransform, StampedTransform, Transform
+from zenoh_tf._core import Estimate, LatestTransform, StampedTransform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import (
     AccessDenied,

@@ -37,6 +37,7 @@ REASONS: Final = {
     14: "stray",
     15: "slashed_name",
     16: "translation_limit",
+    17: "bad_name",
 }
 #: Refused for no fault of the row: the server's policy, or the message that it came in.
 QUOTA: Final = "quota"

@@ -20,6 +20,24 @@ if TYPE_CHECKING:
     Names = str | Sequence[str] | None
 
 
+def summary(status: NDArray[np.uint8], targets: Names, sources: Names) -> str:
+    """Return how many rows there are, of what, how many failed and with which errors.
+
+    Args:
+        status: (n,) the rows' codes of errors; 0 where there is none.
+        targets: The targets' names: one for all rows, or (n,); None if unknown.
+        sources: The sources' names, in the same form.
+    """
+    parts = [f"{len(status)} rows"]
+    if isinstance(targets, str) and isinstance(sources, str):
+        parts[0] += f" of {sources!r} in {targets!r}"
+    if failed := np.count_nonzero(status):
+        codes = np.unique(status[status != 0]).tolist()
+        errors = (BY_CODE.get(code, TransformException).__name__ for code in codes)
+        parts.append(f"{failed} failed with {', '.join(errors)}")
+    return ", ".join(parts)
+
+
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
 class TransformArray:
     """Transforms as columns, one per row: the answers to many lookups.
@@ -206,8 +224,7 @@ class TransformArray:
         return (self[row] for row in range(len(self)))
 
     def __repr__(self) -> str:
-        failed = int(np.count_nonzero(self.status))
-        return f"TransformArray({len(self)} rows{f', {failed} failed' if failed else ''})"
+        return f"TransformArray({summary(self.status, self.targets, self.sources)})"
 
     def _repr_html_(self) -> str:
         return notebook.of_array(self)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
-from zenoh_tf import _core
+from zenoh_tf import _core, array
 from zenoh_tf._core import Estimate, Transform
 from zenoh_tf.errors import TooUncertain, must_be
 
@@ -113,8 +114,7 @@ class EstimateArray:
         return len(self.status)
 
     def __repr__(self) -> str:
-        failed = len(self) - int(self.ok.sum())
-        return f"EstimateArray({len(self)} rows{f', {failed} failed' if failed else ''})"
+        return f"EstimateArray({array.summary(self.status, self.targets, self.sources)})"
 
 
 @functools.lru_cache(64)  # it takes half of the time
@@ -333,8 +333,8 @@ class TreeEstimates(_core.Tree):
                 ahead or behind; finite, and 0 if left out.
 
         Raises:
-            InvalidArgumentException: The name is invalid, a limit is negative, or the error of the
-                clock not finite.
+            InvalidArgumentException: The name is invalid, a limit is negative or a whole number
+                beyond the floats, or the error of the clock is not finite.
 
         Example:
             `tree.set_motion_limits("base_link", max_speed_m_s=1.0, max_rate_rad_s=1.5)`
@@ -342,9 +342,14 @@ class TreeEstimates(_core.Tree):
         limits = (max_speed_m_s, max_accel_m_s2, max_rate_rad_s, max_rate_accel_rad_s2)
         clock_error_s = 0.0 if max_clock_error_s is None else max_clock_error_s
         for field, limit in zip(MOTION_LIMITS, (*limits, clock_error_s), strict=True):
-            if limit is not None and not limit >= 0:
+            if limit is not None and not (limit >= 0 and _is_float(limit)):
                 raise must_be(field, "0 or more", limit)
         if math.isinf(clock_error_s):
             raise must_be("max_clock_error_s", "finite", clock_error_s)
         speed, accel, rate, rate_accel = (math.inf if each is None else each for each in limits)
         self._set_motion_limits(child, speed, accel, rate, rate_accel, clock_error_s)
+
+
+def _is_float(value: float) -> bool:
+    """False for whole numbers that no float can hold."""
+    return value <= sys.float_info.max or value == math.inf

@@ -6,6 +6,7 @@ Public reports, replayed through the ROS 2 bridge, by puts and by transactions.
 from __future__ import annotations
 
 import argparse
+import struct
 import time
 from collections.abc import Iterator
 from itertools import pairwise
@@ -135,6 +136,31 @@ def test_names_are_empty(tf: TransformClient, peer: Peer, names: list[tuple[str,
     assert {(tf.parent(child), child) for _, child in good} == set(good)
     assert record.last_refusal is not None and "empty frame id" in record.last_refusal
     assert tf.lookup_transform(good[0][0], good[1][1])
+
+
+@pytest.mark.parametrize(
+    ("link", "good", "bad", "reason"),
+    [
+        ("wagen", b"wagen\0", b"w\xe4gen\0", "bad_name"),  # Latin-1
+        ("arm_7", b"arm_7\0", b"ar\0_7\0", "bad_name"),
+        ("stamp", struct.pack("<I", 999_999_999), struct.pack("<I", 1_000_000_000), "bad_stamp"),
+    ],
+)
+@pytest.mark.parametrize("topic", ["tf", "tf_static"])
+def test_a_row_that_is_no_text_or_time_costs_itself(
+    tf: TransformClient, peer: Peer, topic: str, link: str, good: bytes, bad: bytes, reason: str
+) -> None:
+    """Drivers that write a Latin-1 name, a zero, or a second of nanoseconds."""
+    second = time.time_ns() // S - 1
+    rows = [("odom", name, second * S, at(1, 0, 0)) for name in ("left", link, "right")]
+    rows[1] = (*rows[1][:2], second * S + 999_999_999, rows[1][3])
+    payload = encode_tf_message(TransformRows.of_tuples(rows))
+    assert payload.count(good) == 1
+    sent = payload.replace(good, bad)
+    peer.put(f"0/{link}/{topic}/{TF_MESSAGE.chunk}/{TF_MESSAGE.hash}", sent.hex())
+    record = wait_for_refusals(tf, f"ros2:0/{link}/{topic}", 1)
+    assert record.refused_by_reason == {reason: 1} and record.stored == 2
+    assert sorted(tf.frames()) == ["left", "odom", "right"]
 
 
 def test_a_transaction_stays_whole_and_names_the_row(tf: TransformClient) -> None:

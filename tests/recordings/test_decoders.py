@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import random
+import struct
 
+import pytest
+
+from zenoh_tf import TransformTree
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.recordings.decoders import decoder
@@ -81,5 +85,35 @@ def test_numbers_of_json_may_be_anything() -> None:
         for text in (b'"sec": 1e300', b'"sec": null', b'"sec": "x"', b'"sec": 99999999999999')
     ]
     found = decode([good, *bad, good.replace(b'"a"', b"7"), b"[]", b"\xff", b"", good])
-    assert found.malformed == 8
-    assert rows(found.rows) == [("a", "b", 1_000_000_005, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)] * 2
+    assert found.malformed == 6
+    pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    stamps = (
+        1_000_000_005,
+        -(2**63),
+        -(2**63),
+        1_000_000_005,
+    )
+    assert rows(found.rows) == [("a", "b", stamp_ns, *pose) for stamp_ns in stamps]
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+@pytest.mark.parametrize("bad", [b"arm\xe4", b"ar\0m", b"\xc3\x28rm"])
+def test_a_name_that_is_no_text_costs_its_row(encoding: str, bad: bytes) -> None:
+    decode = decoder("tf2_msgs/msg/TFMessage", encoding)
+    assert decode is not None
+    pose = struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1)
+    data = b"\0\1\0\0" if encoding == "cdr" else b""
+    data += struct.pack("<I", 3)
+    for child in (b"left", bad, b"right"):
+        end = b"\0" if encoding == "cdr" else b""
+        data += struct.pack("<2I", 5, 0) if end else struct.pack("<3I", 0, 5, 0)
+        for name in (b"map", child):
+            data += bytes(-len(data) % 4) if end else b""
+            data += struct.pack("<I", len(name + end)) + name + end
+        data += bytes((4 - len(data)) % 8) if end else b""
+        data += pose
+    found = decode([data])
+    assert (found.malformed, found.counts) == (0, [3])
+    tree = TransformTree()
+    stored = tree._commit_rows(found.rows, drop_bad=True)
+    assert tree.frames() == ["left", "map", "right"] and list(stored) == [1, 17, 1]

@@ -140,6 +140,8 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
         ("[motion_limits.a]\nmax_speed_m_s = nan", "must be a number, 0 or more, not nan"),
         ("[motion_limits.a]\nmax_speed_m_s = '1'", "must be a number, 0 or more, not '1'"),
         ("[motion_limits.a]\nmax_speed_m_s = true", "must be a number, 0 or more, not True"),
+        ("[motion_limits.a]\nmax_speed_m_s = 1" + 309 * "0", "max_speed_m_s must be 0 or more"),
+        ("[motion_limits.a]\nmax_clock_error_s = 1" + 400 * "0", "must be 0 or more, not 10000"),
         ("[motion_limits.'']\nmax_speed_m_s = 1", "[motion_limits.]: "),
         ("[access]\nmay = ['read']", "write access rules as tables [[access]]"),
         ("[[access]]\nmy = ['read']", "access rule 1 has the unknown key 'my'"),

@@ -26,7 +26,7 @@ from tests.support.runs import CONTROLS
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import InterestReader
-from zenoh_tf.errors import ExtrapolationException, TransformException
+from zenoh_tf.errors import TransformException
 
 #: `make test` has the first ones.
 SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
@@ -143,9 +143,7 @@ def answer(tree: TransformTree, lookup: str, a: str, b: str) -> object:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_failures_are_of_the_servers_class(seed: int) -> None:
-    """And what is found is the same. There is one exception: if several links have no sample at the
-    time, the server may name one above the common ancestor, which the mirror does not have. Then no
-    frame on the paths to the root has samples of several parents."""
+    """And what is found is the same."""
     tree, _ = logged(max_frames=FEW_FRAMES)
     writer = Writer(tree, seed, visits=True)
     chance = random.Random(seed)
@@ -162,12 +160,8 @@ def test_failures_are_of_the_servers_class(seed: int) -> None:
             for stamp_ns in (None, writer.now, writer.now - chance.randrange(110)):
                 here = failure(mirror.tree, *pair, stamp_ns)
                 there = failure(tree, *pair, stamp_ns)
-                if type(here) is type(there):  # both of NoneType: same_answers() compares them
-                    failures += here is not None
-                    continue
-                assert isinstance(here, ExtrapolationException)
-                assert isinstance(there, ExtrapolationException)
-                assert there.frame not in paths(state(tree), [pair])
+                assert type(here) is type(there)  # both of NoneType: same_answers() compares them
+                failures += here is not None
     assert failures > 100
 
 

@@ -107,9 +107,49 @@ def test_invalid_points_stay_in_their_places() -> None:
     assert not np.isfinite(got[2, 0])
 
 
+@pytest.mark.parametrize(
+    ("step", "offsets"),
+    [(12, (0, 4, 8)), (16, (0, 4, 8)), (22, (0, 4, 8)), (32, (0, 4, 8)), (48, (16, 20, 24))],
+    ids=["xyz", "xyzi", "22 bytes, unaligned", "xyzrgb", "48 bytes"],
+)
+@pytest.mark.parametrize(("height", "width"), [(1, 15), (5, 3), (3, 5), (15, 1)])
+@pytest.mark.parametrize("padding", [0, 10])
+def test_organised_clouds_of_any_point_step(
+    step: int, offsets: tuple[int, int, int], height: int, width: int, padding: int
+) -> None:
+    """As drivers lay out their points, in rows with bytes behind them: each point is moved as if
+    it were alone, and no other byte changes."""
+    random = np.random.default_rng(step)
+    rows = random.integers(0, 256, (height, width * step + padding), np.uint8)
+    points = rows[:, : width * step].reshape(height, width, step)
+    numbers = random.normal(size=(height, width, 3)).astype("<f4")
+    for axis, offset in enumerate(offsets):
+        points[..., offset : offset + 4] = numbers[..., axis : axis + 1].view(np.uint8)
+    rows[:, : width * step] = points.reshape(height, -1)
+    fields = [PointField(n, o, FLOAT32, 1) for n, o in zip("xyz", offsets, strict=True)]
+    cloud = PointCloud2(height=height, width=width, fields=fields, is_bigendian=False)
+    cloud.point_step, cloud.row_step, cloud.data = step, rows.shape[1], rows.tobytes()
+    data = tf2.do_transform_cloud(cloud, TRANSFORM).data
+
+    expected = points.copy()
+    moved = (numbers * [1, -1, -1] + [0, 0, 100]).astype("<f4")
+    for axis, offset in enumerate(offsets):
+        expected[..., offset : offset + 4] = moved[..., axis : axis + 1].copy().view(np.uint8)
+    got = np.frombuffer(data, np.uint8).reshape(rows.shape)
+    np.testing.assert_array_equal(got[:, width * step :], rows[:, width * step :])
+    np.testing.assert_array_equal(got[:, : width * step].reshape(points.shape), expected)
+
+
 def test_no_points() -> None:
     out = tf2.do_transform_cloud(cloud_of([]), TRANSFORM)
     assert (len(out.data), out.header.frame_id) == (0, "map")
+
+
+@pytest.mark.parametrize(("height", "width"), [(0, 2), (2, 0), (0, 0)])
+def test_no_points_but_bytes(height: int, width: int) -> None:
+    cloud = cloud_of(POINTS)
+    cloud.height, cloud.width, cloud.data = height, width, cloud.data[:5]
+    assert tf2.do_transform_cloud(cloud, TRANSFORM).data == cloud.data
 
 
 def test_what_exceeds_32_bits_is_infinite() -> None:
@@ -141,6 +181,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
         "x",
     ),
     "too short": (lambda cloud: cloud.data.pop(), "data"),
+    "negative": (lambda cloud: vars_of(cloud, height=-1), "data"),
     "no data": (lambda cloud: vars_of(cloud, data=array("B")), "data"),
     "wider than a row": (lambda cloud: vars_of(cloud, height=2), "data"),
     "rows that overlap": (

@@ -219,6 +219,12 @@ def test_operands_that_do_not_fit() -> None:
 
 def test_repr_and_pickle() -> None:
     assert repr(A) == "TransformArray(7 rows)"
-    assert repr(random_array({1: 9, 2: 9})) == "TransformArray(7 rows, 2 failed)"
+    failed = random_array({1: FORWARD, 2: LookupException.code, 4: 250, 5: FORWARD})
+    assert repr(failed) == (
+        "TransformArray(7 rows, 4 failed with LookupException, ForwardExtrapolationException, "
+        "TransformException)"
+    )
+    named = TransformArray(A.status, A.stamps_ns, A.poses, "map", "tool")
+    assert repr(named[:2]) == "TransformArray(2 rows of 'tool' in 'map')"
     copy = pickle.loads(pickle.dumps(A))
     np.testing.assert_array_equal(copy.poses, A.poses)

@@ -259,7 +259,10 @@ def test_many_rows() -> None:
     sources = ["tool", "nobody", "flag", "base"]
     found = tree.estimate_transforms("map", sources, END_NS + 30 * MS, level=0.8)
     assert found.status.tolist() == [0, 2, 3, 0] and found.ok.tolist() == [True, False, False, True]
-    assert len(found) == 4 and repr(found) == "EstimateArray(4 rows, 2 failed)"
+    assert len(found) == 4
+    assert repr(found) == (
+        "EstimateArray(4 rows, 2 failed with LookupException, ConnectivityException)"
+    )
     assert np.isnan(found.poses[1:3]).all() and np.isnan(found.error_m[1:3]).all()
     for row, source in ((0, "tool"), (3, "base")):
         one = tree.estimate_transform("map", source, END_NS + 30 * MS, level=0.8)

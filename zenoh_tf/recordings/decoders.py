@@ -94,9 +94,7 @@ def each(decode: Callable[[bytes], list[Row]]) -> Decode:
             counts.append(0)
             try:
                 found = decode(data)
-                if any(abs(stamp_ns) >= _MAX_STAMP for _, _, stamp_ns, _ in found):
-                    raise ValueError("a stamp is beyond 64 bits of nanoseconds")
-                parts.append(TransformRows.of_tuples(found))
+                parts.append(TransformRows.of_tuples([_checked(row) for row in found]))
                 counts[-1] = len(found)
             except ImportError:
                 raise
@@ -106,6 +104,11 @@ def each(decode: Callable[[bytes], list[Row]]) -> Decode:
         return Decoded(TransformRows.join(parts), counts, malformed, fault)
 
     return decode_all
+
+
+def _checked(row: Row) -> Row:
+    """A row whose stamp beyond 64 bits of nanoseconds is one that a tree refuses by itself."""
+    return row if abs(row[2]) < _MAX_STAMP else (*row[:2], -_MAX_STAMP, row[3])
 
 
 _STAMP_ROS1: Final = struct.Struct("<III")  # sequence number, seconds, nanoseconds
@@ -133,7 +136,16 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     end = at + _LENGTH.size + size
     if end > len(data):
         raise ValueError("a text is longer than its message")
-    return data[at + _LENGTH.size : end].decode(), end
+    return _name(data[at + _LENGTH.size : end]), end
+
+
+def _name(data: bytes) -> str:
+    """A frame's name. One that is no UTF-8 gets a zero, which no frame's name has, so that a tree
+    refuses the row and no other."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode(errors="backslashreplace") + "\0"
 
 
 def _ros(message_type: str, encoding: str, data: bytes) -> list[Row]:
@@ -174,8 +186,8 @@ def _flatbuffer(message_type: str) -> Callable[[bytes], list[Row]]:
 def _flatbuffer_row(row: Any) -> Row:
     time, at, turn = row.Timestamp(), row.Translation(), row.Rotation()
     return (
-        row.ParentFrameId().decode(),
-        row.ChildFrameId().decode(),
+        _name(row.ParentFrameId()),
+        _name(row.ChildFrameId()),
         time.Sec() * 10**9 + time.Nsec(),
         (
             *((at.X(), at.Y(), at.Z()) if at else (0.0, 0.0, 0.0)),

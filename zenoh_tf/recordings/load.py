@@ -36,7 +36,6 @@ def load(
     on_messages: Callable[[int], None] | None = None,
     until_ns: int | None = None,
     since_ns: int | None = None,
-    drop_strays: bool = False,
 ) -> None:
     """Commit all messages of a recording; what no tree accepts is left out and counted.
 
@@ -47,8 +46,6 @@ def load(
         until_ns: Leave out what was recorded later, in nanoseconds, so that the tree knows what a
             live one knew at that time, which is "now" for its estimates; None for nothing.
         since_ns: As of `Recording.blocks`.
-        drop_strays: Leave out samples of another clock, as a server does. Needs a tree with a long
-            history.
 
     Raises:
         RecordingError: The recording is damaged, or has no transforms by then, or its log has
@@ -57,7 +54,7 @@ def load(
     """
     done = 0
     for block in recording.blocks(until_ns, since_ns):
-        for _ in valid_commits(recording, tree, block.rows, block.static, drop_strays):
+        for _ in valid_commits(recording, tree, block.rows, block.static):
             pass
         done += block.messages
         if on_messages is not None:
@@ -81,19 +78,12 @@ def _check_clock(recording: Recording) -> None:
 
 
 def valid_commits(
-    recording: Recording,
-    tree: TransformTree,
-    rows: TransformRows,
-    static: bool,
-    drop_strays: bool = False,
+    recording: Recording, tree: TransformTree, rows: TransformRows, static: bool
 ) -> Iterator[TransformRows]:
     """Commit rows in as many commits as it needs, without the rows that the tree refuses, which
-    the recording counts. Yields the rows of each commit. `drop_strays`: refuse those of another
-    clock, too."""
+    the recording counts. Yields the rows of each commit."""
     for commit in commit_parts(rows):
-        stored = tree._commit_rows(
-            commit, static=static, drop_old=True, drop_bad=True, drop_strays=drop_strays
-        )
+        stored = tree._commit_rows(commit, static=static, drop_old=True, drop_bad=True)
         if admission.refused(tree, commit, stored) is not None:
             commit = _without_refused(recording, tree, commit, stored)  # noqa: PLW2901
         if not len(commit):

@@ -59,7 +59,8 @@ def _coordinates(cloud: Any, data: NDArray[np.uint8]) -> list[NDArray[np.float32
     fields = {field.name: field for field in cloud.fields}
     width, height = cloud.width, cloud.height
     needed = (height - 1) * cloud.row_step + width * cloud.point_step if width and height else 0
-    if data.size < needed or (width * cloud.point_step > cloud.row_step and height > 1):
+    is_too_short = data.size < needed or (width * cloud.point_step > cloud.row_step and height > 1)
+    if is_too_short or min(width, height) < 0:
         raise InvalidArgumentException(
             f"the cloud has {data.size:,} bytes of data, not the {needed:,} of {height:,} rows of "
             f"{width:,} points of {cloud.point_step} bytes, with rows {cloud.row_step:,} bytes "
@@ -89,7 +90,7 @@ def _coordinates(cloud: Any, data: NDArray[np.uint8]) -> list[NDArray[np.float32
                 value=field.offset,
             )
         kind = np.dtype(np.float32).newbyteorder(">" if cloud.is_bigendian else "<")
-        if data.size == 0:
+        if not width or not height:  # whatever bytes there are
             views.append(np.empty((height, width), kind))
             continue
         strides = (cloud.row_step, cloud.point_step)

@@ -95,7 +95,6 @@ class Scan {
     if (size == 0) return {};  // some encoders write an empty text without its zero
     const std::string_view found = data_.substr(at_, size - 1);
     if (data_[at_ + size - 1] != '\0') throw malformed(field, "a text with a zero at its end");
-    if (found.find('\0') != std::string_view::npos) throw malformed(field, "a text without zeros");
     at_ += size;
     return found;
   }
@@ -107,14 +106,14 @@ class Scan {
   void read_row() {
     const auto seconds = number<std::int32_t>("header.stamp.sec");
     const auto rest = number<std::uint32_t>("header.stamp.nanosec");
-    if (rest >= kSecond) throw malformed("header.stamp.nanosec", "below 1,000,000,000");
     const std::uint32_t parent = index_of(text("header.frame_id"));
     const std::uint32_t child = index_of(text("child_frame_id"));
     std::array<double, 7> pose;
     double* number = pose.data();
     for (const char* field : {"x", "y", "z"}) *number++ = in("transform.translation.", field);
     for (const char* field : {"x", "y", "z", "w"}) *number++ = in("transform.rotation.", field);
-    rows.push_back({parent, child, seconds * kSecond + rest, std::bit_cast<Pose>(pose)});
+    const Stamp stamp = rest < kSecond ? seconds * kSecond + rest : kNoStamp;  // refused by itself
+    rows.push_back({parent, child, stamp, std::bit_cast<Pose>(pose)});
   }
   double in(const char* group, const char* field) {
     align(sizeof(double));
@@ -131,19 +130,24 @@ class Scan {
   std::unordered_map<std::string_view, std::uint32_t> known_;
 };
 
-// Appends the names that are not in the list yet. False: one is not UTF-8.
-bool append_names(const Scan& scan, nb::list& names) {
-  while (names.size() < scan.names.size()) {
-    const std::string_view name = scan.names[names.size()];
-    const nb::object text = nb::steal(
-        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), "strict"));
-    if (!text.is_valid()) {
-      PyErr_Clear();
-      return false;
-    }
-    names.append(text);
-  }
-  return true;
+// Returns a name as a text. One that is no UTF-8 gets its bytes as escapes and a zero at its end,
+// which no frame's name has, so that a commit refuses the row and no other.
+nb::object text_of_name(std::string_view name) {
+  const auto decode = [](std::string_view bytes, const char* errors) {
+    return nb::steal(
+        PyUnicode_DecodeUTF8(bytes.data(), static_cast<Py_ssize_t>(bytes.size()), errors));
+  };
+  const nb::object text = decode(name, "strict");
+  if (text.is_valid()) return text;
+  PyErr_Clear();
+  const nb::object shown = decode(std::string(name) + '\0', "backslashreplace");
+  if (!shown.is_valid()) throw nb::python_error();  // no memory
+  return shown;
+}
+
+// Appends the names that are not in the list yet.
+void append_names(const Scan& scan, nb::list& names) {
+  while (names.size() < scan.names.size()) names.append(text_of_name(scan.names[names.size()]));
 }
 
 // The rows, or (field, what was expected) of a malformed message. `rename` gives the frames their
@@ -160,7 +164,7 @@ nb::object decode_tf_message(const nb::bytes& message, nb::handle rename) {
   });
   if (fault) return nb::make_tuple(fault->field, fault->expected);
   nb::list names;
-  if (!append_names(scan, names)) return nb::make_tuple("frame_id", "UTF-8");
+  append_names(scan, names);
   if (!rename.is_none()) {
     names = nb::cast<nb::list>(rename(names));
     if (names.size() != scan.names.size()) raise_invalid("rename must keep their number", "names");
@@ -180,13 +184,12 @@ nb::tuple decode_tf_messages(const nb::list& messages) {
     const std::size_t rows_before = scan.rows.size(), names_before = scan.names.size();
     try {
       scan.run({data.c_str(), data.size()});
-      if (!append_names(scan, names)) throw Malformed{"frame_id", "UTF-8"};
     } catch (const Malformed& malformed) {
       if (malformed_messages++ == 0) first = malformed;
       scan.cut(rows_before, names_before);
-      while (names.size() > names_before) names.attr("pop")();
     }
   }
+  append_names(scan, names);
   return nb::make_tuple(TransformRows(std::move(names), std::move(scan.rows)), malformed_messages,
                         first.field, first.expected);
 }

@@ -39,10 +39,13 @@ class CommitNames {
     (void)ids_.append(request.names.size());
     ids_freed_ = tree.ids_freed.load(std::memory_order_acquire);
     find();
+    // Names that frames have were checked when they were new.
+    for (std::size_t i = 0; i < ids_.size(); ++i)
+      all_valid_ &= ids_[i] != 0 || !has_zero(names_[i]);
     yield_point();
   }
 
-  // True if no name is empty or too long.
+  // True if every name may be a frame's.
   [[nodiscard]] bool all_valid() const noexcept { return all_valid_; }
   // The id of a name of the request; 0 if the name is new.
   [[nodiscard]] FrameId id(std::uint32_t index) const noexcept { return ids_[index]; }

@@ -68,6 +68,7 @@ struct RowResult {
   static constexpr std::uint8_t stray = 14;  // far ahead of the frame's stamps (time_jumps.cpp)
   static constexpr std::uint8_t slashed_name = 15;       // begins with more than one '/'
   static constexpr std::uint8_t translation_limit = 16;  // longer than kMaxTranslation
+  static constexpr std::uint8_t bad_name = 17;           // has a zero character
 
   [[nodiscard]] static bool is_refusal(std::uint8_t result) noexcept {
     return result > from_future;

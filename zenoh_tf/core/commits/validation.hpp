@@ -31,6 +31,12 @@ inline std::string_view stripped(std::string_view name) noexcept {
   return name.starts_with('/') ? name.substr(1) : name;
 }
 
+// Returns whether a name has a zero character, which ends a text in other languages. Decoders give
+// one to names that are no text (bindings/messages/cdr.cpp).
+inline bool has_zero(std::string_view name) noexcept {
+  return name.find('\0') != std::string_view::npos;
+}
+
 // Returns a frame's name for an error, which a name that is too long must not fill.
 inline std::string shown(std::string_view name) {
   constexpr std::size_t kMost = 255;
@@ -184,12 +190,17 @@ inline Rejected row_rejection(const CommitRequest& request, const Row& row, std:
     case RowResult::slashed_name:
       return rejection(request, row, parent[0] == '/' ? "parent_frame" : "child_frame",
                        "the name begins with more than one '/': a frame's name has none in front");
+    case RowResult::bad_name:
+      return rejection(request, row, has_zero(parent) ? "parent_frame" : "child_frame",
+                       "the name is no text: it has a zero character, or came as bytes that are no "
+                       "UTF-8");
     case RowResult::translation_limit:
       return rejection(request, row, "translation",
                        "the translation is longer than 1e150 m, the limit: are its units metres?");
     case RowResult::bad_stamp:
       return rejection(request, row, "stamp_ns",
-                       "the stamp is out of range: it must be greater than -2^63 ns");
+                       "the stamp is no time: it must be greater than -2^63 ns, with nanoseconds "
+                       "below 1,000,000,000 beside whole seconds");
     default:
       return future_stamp_rejection(request, row);
   }
@@ -209,6 +220,7 @@ inline std::uint8_t check_names(const CommitRequest& request, const Row& row,
   if (parent.size() > options.max_name_bytes || child.size() > options.max_name_bytes)
     return RowResult::long_name;
   if (parent[0] == '/' || child[0] == '/') return RowResult::slashed_name;
+  if (has_zero(parent) || has_zero(child)) return RowResult::bad_name;
   return parent == child ? RowResult::own_parent : RowResult::stored;
 }
 
