@@ -221,8 +221,9 @@ def test_what_ros_cannot_express_keeps_nothing_back(
     def heard() -> list[Any]:
         # One transaction, so both are in the same message.
         now_ns = time.time_ns()
-        moved = [StampedTransform("map", name, now_ns, TURNED) for name in ("m\0x", "drone")]
-        tf.set_transforms_xact(moved)
+        before_ns = -(2**31) * 10**9 - 1
+        moved = [("early", before_ns), ("drone", now_ns)]
+        tf.set_transforms_xact([StampedTransform("map", *each, TURNED) for each in moved])
         return rows(peer, "tf")
 
     assert {row[1] for row in wait_until(heard)} == {"drone"}

@@ -59,7 +59,7 @@ def test_each_name_that_a_tree_lists_can_be_used(seed: int) -> None:
         try:
             put(tree, name, static=rnd.random() < 0.3)
         except InvalidArgumentException:
-            assert name.startswith("//") or name == "/"
+            assert name.startswith("//") or name == "/" or "\0" in name
     names = [name for name in tree.frames() if name != "root"]
     assert len(names) > 5
     by_log, by_interest = Mirror(), Mirror()
@@ -89,10 +89,11 @@ def test_a_mirror_refuses_names_and_poses_that_no_frame_has() -> None:
     _, last, _, changes = log.take(1 << 20)
     assert changes is not None
     fields = changes.fields()
-    names = ["/" + name for name in changes.names]
     texts = {"names": [*changes.names], "authorities": [*changes.authorities]}
-    with pytest.raises(InvalidArgumentException, match="begins with '/'"):
-        Mirror().replay.apply(last, Changes({**fields, **texts, "names": names}))
+    for form, why in (("/{}", "begins with '/'"), ("{}\0", "zero character")):
+        names = [form.format(name) for name in changes.names]
+        with pytest.raises(InvalidArgumentException, match=why):
+            Mirror().replay.apply(last, Changes({**fields, **texts, "names": names}))
     pose = changes.pose.copy()
     for value in (math.inf, math.nan, 1e151):
         pose[0, 0] = value

@@ -125,11 +125,15 @@ def test_one_authority_per_frame() -> None:
 
 
 def test_names_are_any_text(tree: TransformTree) -> None:
-    for name in ("größe", "机器人/手", "a b\n", "x\0y", "*", "🤖"):
+    for name in ("größe", "机器人/手", "a b\n", "x\x01y", "*", "🤖"):
         tree.set_transform(link("map", name, 15 * S, 2.0))
         assert tree.lookup_transform("map", name).child_frame == name
     with pytest.raises(InvalidArgumentException):
         tree.lookup_transform("map", "\ud800")
+    for parent, child in (("map", "x\0y"), ("\0", "x")):
+        with pytest.raises(InvalidArgumentException, match="zero character") as caught:
+            tree.set_transform(link(parent, child, 15 * S, 2.0))
+        assert caught.value.field == ("child_frame" if parent == "map" else "parent_frame")
 
 
 def test_a_refused_commit_registers_no_authority() -> None:

@@ -125,7 +125,7 @@ _STATS: Final = (
     _gauge(
         "ros2_silent", "publishers that declare to keep static transforms, and sent none when asked"
     ),
-    _counter("ros2_unpublishable", "transforms left out because ROS 2 has no such stamp or name"),
+    _counter("ros2_unpublishable", "transforms left out because ROS 2 has no such stamp"),
     _counter("ros2_published_messages", "messages published on ROS 2 (`--ros2-publish`)"),
     _counter(
         "ros2_published_transforms", "transforms in messages published on ROS 2 (`--ros2-publish`)"

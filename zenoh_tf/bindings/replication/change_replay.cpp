@@ -46,6 +46,7 @@ struct Texts {
       if (name[0] == '/')
         raise_invalid("names has " + quoted(name) + ", but no frame's name begins with '/'",
                       "names");
+      if (has_zero(name)) raise_invalid("names has a name with a zero character", "names");
       if (!known.insert(name).second) raise_invalid("names has a name twice", "names");
     }
   }
