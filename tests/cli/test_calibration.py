@@ -146,6 +146,10 @@ BAD_FILES = {
         LINK.replace("[1, 2, 3]", "[1, 2]"),
         "translation of link 1 is not 3 finite numbers",
     ),
+    "no float": (
+        LINK.replace("[1, 2, 3]", f"[1, 1{'0' * 309}, 3]"),
+        "translation of link 1 is not 3 finite numbers",
+    ),
     "no rotation": (
         LINK + LINK.replace("[0, 0, 0, 1]", "[0, 0, 0, 2]"),
         "rotation of link 2 is not a unit quaternion",

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import os
+import sys
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -294,8 +295,11 @@ def _link(entry: Any, where: str) -> StampedTransform:
 
 def _vector(table: dict[str, Any], name: str, size: int, where: str) -> list[float]:
     values = table.get(name)
-    if isinstance(values, list) and len(values) == size:
-        numbers = [float(value) for value in values if type(value) in (int, float)]
-        if len(numbers) == size and all(map(math.isfinite, numbers)):
-            return numbers
+    if isinstance(values, list) and len(values) == size and all(map(_is_finite, values)):
+        return [float(value) for value in values]
     raise ValueError(f"{name}{where} is not {size} finite numbers")
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether it is a number that a finite float can hold; TOML's whole numbers have no limit."""
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max
