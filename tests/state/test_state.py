@@ -52,7 +52,7 @@ def is_known(tf: TransformClient, frame: str) -> bool:
 
 
 def test_a_link_comes_back_as_it_was(start: Callable[..., ServerProcess]) -> None:
-    stamped = StampedTransform("karte \U0001f916", "base\0link", 123, POSE)
+    stamped = StampedTransform("karte \U0001f916", "base\x01link", 123, POSE)
     server = start()
     with server.connect() as tf:
         tf.set_transform(stamped, authority="calibration cell", static=True)
