@@ -1,13 +1,11 @@
 """`Gate`: holds sensor data until its transform exists."""
 
-# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/gate.py: edit that.
-
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Any, Protocol, Self
 
 from zenoh_tf import threads
@@ -26,6 +24,7 @@ from zenoh_tf.gate_queue import (
     check_item,
     portions,
 )
+from zenoh_tf.loop_waits import LoopWaits
 
 log = logging.getLogger("zenoh_tf")
 
@@ -61,7 +60,7 @@ class Gate:
     waits costs nothing until a write may have made it possible, and items of one frame share it.
     A context manager, which closes itself at the end.
 
-    Thread safety: all methods.
+    Thread safety: all methods. An event loop iterates with ``async for``; nothing else here waits.
 
     Example:
         ``for image, transform in gate: show(image, transform.transform)``
@@ -94,6 +93,7 @@ class Gate:
         self._reports = FirstError(log)
         self._lock = threading.Condition()
         self._closed = threading.Event()
+        self._loops = LoopWaits()
 
     def __enter__(self) -> Self:
         return self
@@ -105,6 +105,10 @@ class Gate:
         """Iterate over items and their transforms, until the gate is closed."""
         while (passed := self._next(None)) is not None:
             yield passed
+
+    def __aiter__(self) -> AsyncIterator[Passed[Any]]:
+        """Iterate on an event loop, until the gate is closed."""
+        return self._loops.events(lambda: self._next(0.0), lambda: self._queue.closed)
 
     def put(self, item: Any, frame: str, stamp_ns: int) -> None:
         """Hold an item until its transform exists. Never waits.
@@ -234,6 +238,7 @@ class Gate:
     def _wake(self) -> None:
         """Let callers of `get` try again. Requires the lock."""
         self._lock.notify_all()
+        self._loops.wake()
 
     def _pause(self, seconds: float) -> None:
         self._closed.wait(seconds)

@@ -4,12 +4,8 @@ from zenoh_tf import __version__
 from zenoh_tf._net.credentials import Credentials
 
 from .aio.batch import AsyncBatch
-from .aio.broadcaster import AsyncBroadcaster
 from .aio.client import AsyncTransformClient
-from .aio.gate import AsyncGate
-from .aio.mirror import AsyncMirror
 from .aio.transaction import AsyncTransaction
-from .aio.watch import AsyncWatch
 from .batch import Batch
 from .client import TransformClient
 from .mirror.interest import OutsideInterest
@@ -23,12 +19,8 @@ from .transaction import Transaction
 
 __all__ = [
     "AsyncBatch",
-    "AsyncBroadcaster",
-    "AsyncGate",
-    "AsyncMirror",
     "AsyncTransaction",
     "AsyncTransformClient",
-    "AsyncWatch",
     "Batch",
     "Broadcaster",
     "Credentials",

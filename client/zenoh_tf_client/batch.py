@@ -32,7 +32,7 @@ class Batch(BatchOperations):
     `timeout_s` wait side by side, and the reply comes when the last of them is done. In a
     batch that also writes, such lookups fail with InvalidArgumentException.
 
-    Thread safety: one thread at a time.
+    Concurrency: one thread or task at a time.
     """
 
     def __init__(self, connection: Connection) -> None:

@@ -1,7 +1,5 @@
 """`TransformClient`: the methods of the embedded tree, on a connection to a server."""
 
-# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/client.py: edit that.
-
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -56,12 +54,12 @@ class TransformClient(Lookups, Writes, Introspection):
         ``with TransformClient.connect() as tf: print(tf.frames())``
     """
 
-    def __init__(self, connection: Connection, reads: Mode = "shared") -> None:
+    def __init__(self, connection: Connection, mapped: MappedTree | None = None) -> None:
         """Use `TransformClient.connect` instead.
 
         Args:
             connection: The open connection to use.
-            reads: As in `connect`.
+            mapped: How lookups find the server's memory; None: where it can be mapped.
 
         Raises:
             TypeError: `connection` is something else, such as an endpoint.
@@ -72,7 +70,7 @@ class TransformClient(Lookups, Writes, Introspection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        mapped = MappedTree(connection, reads)
+        mapped = MappedTree(connection) if mapped is None else mapped
         self._reads = SharedReads(connection, mapped)
         mapped.attach(self)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
@@ -124,7 +122,8 @@ class TransformClient(Lookups, Writes, Introspection):
         credentials = environment.client_credentials() if credentials is None else credentials
         reads = environment.reads() if reads is None else reads
         check(reads)
-        return cls(open_connection(endpoint, tree, timeout_s, credentials), reads)
+        opened = open_connection(endpoint, tree, timeout_s, credentials)
+        return cls(opened, MappedTree(opened, reads))
 
     def __repr__(self) -> str:
         opened = self._connection
@@ -154,7 +153,7 @@ class TransformClient(Lookups, Writes, Introspection):
 
     def _close_broadcasters(self) -> None:
         for broadcaster in list(self._broadcasters):
-            broadcaster._end()
+            broadcaster.close()
 
     @property
     def endpoint(self) -> str:

@@ -56,7 +56,7 @@ class Lookups(Reads):
             ServiceException: As for every call; see the class.
 
         Example:
-            ``X_map_base = tf.lookup_transform("map", "base").transform``
+            ``X_map_base = tf.lookup_transform("map", "base")``
         """
         found = self._tree.lookup_transform(
             target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s
@@ -110,7 +110,7 @@ class Lookups(Reads):
             ServiceException: As for every call; see the class.
 
         Example:
-            ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist").transform``
+            ``X_map_wrist = tf.lookup_latest_transform_xact("map", "wrist")``
         """
         found = self._tree.lookup_latest_transform_xact(target, source)
         if found:
@@ -136,7 +136,7 @@ class Lookups(Reads):
         """As `TransformTree.sample`, in one request.
 
         Example:
-            ``path = tf.sample("map", "camera", stamps_ns).translations``
+            ``path = tf.sample("map", "camera", stamps_ns)``
         """
         return self.lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
 

@@ -116,7 +116,7 @@ class Reads:
             ServiceException: As for every call; see the class.
 
         Example:
-            ``X = tf.estimate_transform("map", "base", max_error_m=0.02).transform``
+            ``found = tf.estimate_transform("map", "base", max_error_m=0.02)``
         """
         found = self._tree.estimate_transform(
             target,
@@ -162,7 +162,7 @@ class Reads:
             ServiceException: As for every call; see the class.
 
         Example:
-            ``near = tf.estimate_transforms("map", arms, None).error_m < 0.02``
+            ``found = tf.estimate_transforms("map", arms, None)``
         """
         found = self._tree.estimate_transforms(
             targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m

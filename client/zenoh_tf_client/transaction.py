@@ -54,7 +54,7 @@ class Transaction:
     TransactionConflict if a frame has changed since the transaction read it before, and
     ServerRestarted if the server that it has read from is gone.
 
-    Thread safety: one thread at a time.
+    Concurrency: one thread or task at a time.
     """
 
     def __init__(self, connection: Connection, reads: SharedReads) -> None:

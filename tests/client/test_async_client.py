@@ -187,14 +187,12 @@ async def test_calls_under_way_fail_when_the_client_is_closed(server: ServerProc
     ):
         with pytest.raises(error, match="is closed"):
             await task
-    for call in (
-        tf.frames,
-        lambda: tf.broadcaster("x"),
-        lambda: sensor.send(link("a", "b", 1)),
-    ):
+    for call in (tf.frames(), tf.broadcaster("x")):
         with pytest.raises(ServerUnavailable, match="is closed"):
-            await call()
-    await sensor.close()
+            await call
+    with pytest.raises(ServerUnavailable, match="is closed"):
+        sensor.send(link("a", "b", 1))
+    sensor.close()
     assert repr(tf).endswith("closed>") and repr(sensor).endswith("closed>")
     assert_idle(tf)
 
@@ -229,12 +227,13 @@ async def test_a_server_that_goes_and_comes_back(
 
 async def test_the_loop_goes_on_while_a_server_takes_nothing(server: ServerProcess) -> None:
     """Zenoh blocks senders then, but only on a thread."""
-    async with await connected(server, 1.0) as tf, await tf.broadcaster("sensor") as sensor:
+    async with await connected(server, 1.0) as tf:
+        sensor = await tf.broadcaster("sensor")
         await fill(tf)
         server.freeze()
         rows = [link("map", f"row{row}", 1) for row in range(10_000)]
         tasks: list[asyncio.Task[Any]] = []
-        tasks += [asyncio.create_task(sensor.send(rows)) for _ in range(20)]
+        tasks += [asyncio.create_task(asyncio.to_thread(sensor.send, rows)) for _ in range(4)]
         tasks += [asyncio.create_task(tf.set_transforms_xact(rows, f"{n}")) for n in range(20)]
         turns = 0
         while not all(task.done() for task in tasks):  # Zenoh gives a blocked put up after 5 s
@@ -245,7 +244,7 @@ async def test_the_loop_goes_on_while_a_server_takes_nothing(server: ServerProce
                 break
         assert turns > 20
         server.send_signal(signal.SIGCONT)
-        results = await asyncio.gather(*tasks[20:40], return_exceptions=True)
+        results = await asyncio.gather(*tasks[4:24], return_exceptions=True)
         assert all(isinstance(found, OutcomeUnknown | ServerUnavailable) for found in results)
         for task in tasks:
             task.cancel()

@@ -19,7 +19,6 @@ from tests.support.waiting import wait_until
 from zenoh_tf import (
     Dropped,
     ForwardExtrapolationException,
-    Gate,
     InvalidArgumentException,
     LookupException,
     Passed,
@@ -29,7 +28,6 @@ from zenoh_tf import (
     TransformTree,
 )
 from zenoh_tf.gate_queue import MAX_FRAMES
-from zenoh_tf_client import AsyncGate
 
 #: Far above what any test waits for.
 LONG_S = 40.0
@@ -335,55 +333,51 @@ async def test_async(server: ServerProcess) -> None:
     drops = Drops()
     async with await connected(server) as tf:
         await tf.set_transforms_xact([at(100), at(200)])
-        gate = tf.gate("map", queue_size=3, timeout_s=LONG_S, on_drop=drops.append)
-        async with gate:
+        with tf.gate("map", queue_size=3, timeout_s=LONG_S, on_drop=drops.append) as gate:
             gate.put("old", "base", 50)
             gate.put("now", "base", 150)
-            assert await gate.get(LONG_S) == Passed("now", at(150))
+            passing = aiter(gate)
+            assert await anext(passing) == Passed("now", at(150))
             gate.put("soon", "base", 250)
             gate.put("never", "camera", 250)
-            with pytest.raises(TimeoutException):
-                await gate.get(0.05)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(anext(passing), 0.05)  # takes nothing with it
             await tf.set_transform(at(300))
             async for item, transform in gate:
                 assert (item, transform) == ("soon", at(250))
                 break
+            rest = asyncio.create_task(anext(aiter(gate), None))
+            await asyncio.sleep(0)
+        assert await rest is None
+        drops.wait(2)
         assert {(d.item, d.reason) for d in drops} == {("old", "too_old"), ("never", "closed")}
         assert gate.stats()["passed"] == 2
-        with pytest.raises(TimeoutException, match="closed"):
-            await gate.get()
 
 
 async def test_10000_items_async(server: ServerProcess) -> None:
+    """Two tasks share the items of one gate."""
     items = plan(10_000, 6)
     drops = Drops()
     passed: list[Passed[int]] = []
     async with await connected(server) as tf:
         await asyncio.gather(*(tf.set_transform(at(FIRST * STEP, frame)) for frame in FRAMES))
         options: dict[str, Any] = {"timeout_s": 600.0, "on_drop": drops.append}
-        async with tf.gate("map", queue_size=len(items), **options) as gate:
+        with tf.gate("map", queue_size=len(items), **options) as gate:
 
-            async def publish_all() -> None:
-                for step in range(FIRST + 1, LAST + 1):
-                    rows = [at(step * STEP, frame) for frame in FRAMES]
-                    await tf.set_transforms_xact(rows)
+            async def gather() -> None:
+                async for each in gate:
+                    passed.append(each)
 
-            publishing = asyncio.create_task(publish_all())
+            tasks = [asyncio.create_task(gather()) for _ in range(2)]
             for number, frame, stamp in items:
                 gate.put(number, frame, stamp)
                 if number % 100 == 0:
                     await asyncio.sleep(0.001)
-            await publishing
+            for step in range(FIRST + 1, LAST + 1):
+                await tf.set_transforms_xact([at(step * STEP, frame) for frame in FRAMES])
             leaving = ends(items)
             while len(passed) + len(drops) < leaving:
-                try:
-                    passed.append(await gate.get(0.2))
-                except TimeoutException:
-                    continue
+                await asyncio.sleep(0.01)
+        await asyncio.gather(*tasks)
+    drops.wait(len(items) - len(passed))
     check_each_once(items, passed, drops)
-
-
-def test_gates_have_the_same_methods() -> None:
-    """`AsyncGate` differs in `await` only."""
-    names = {name for name in dir(Gate) if not name.startswith("_")}
-    assert names == {name for name in dir(AsyncGate) if not name.startswith("_")}

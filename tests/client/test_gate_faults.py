@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from typing import Any
 
 import pytest
 
 from zenoh_tf import Dropped, Gate, StampedTransform, TransformTree
-from zenoh_tf_client import AsyncGate
 
 from .test_gate import LONG_S, at
 
@@ -34,14 +32,6 @@ class FaultySource:
         self.faults -= 1
         if self.faults >= 0:
             raise RuntimeError("boom")
-
-
-class AsyncFaultySource(FaultySource):
-    async def lookup_transform(self, *args: Any, **options: Any) -> StampedTransform:  # type: ignore[override]
-        return FaultySource.lookup_transform(self, *args, **options)
-
-    async def lookup_transforms(self, *args: Any, **options: Any) -> Any:
-        return FaultySource.lookup_transforms(self, *args, **options)
 
 
 def test_stamps_that_go_back_take_two_threads() -> None:
@@ -98,22 +88,3 @@ def test_items_of_a_source_that_fails_time_out() -> None:
         gate.put("item", "base", 150)
         assert done.wait(LONG_S)
     assert (drops[0].reason, "boom" in str(drops[0].error)) == ("timeout", True)
-
-
-async def test_an_asynchronous_source_that_fails_is_asked_again() -> None:
-    source: Any = AsyncFaultySource(3)
-    async with AsyncGate(source, "map", 10, LONG_S, None) as gate:
-        gate.put("item", "base", 150)
-        assert (await gate.get(LONG_S)).item == "item"
-
-
-def test_an_asynchronous_gate_without_a_loop_holds_nothing() -> None:
-    source: Any = AsyncFaultySource(0)
-
-    async def make() -> AsyncGate:
-        return AsyncGate(source, "map", 10, LONG_S, None)
-
-    gate = asyncio.run(make())
-    with pytest.raises(RuntimeError, match="loop"):
-        gate.put("item", "base", 150)
-    assert gate.stats()["held"] == 0

@@ -231,42 +231,44 @@ async def test_asyncio(
     shared_server: ServerProcess, tf: TransformClient, run: Callable[[Main], None]
 ) -> None:
     put(tf)
-    async with (
-        await AsyncTransformClient.connect(shared_server.endpoint) as client,
-        await client.watch("map", "base", min_translation_m=0.1, heartbeat_s=NEVER_S) as watch,
-    ):
-        first = await watch.get()
+    async with await AsyncTransformClient.connect(shared_server.endpoint) as client:
+        watch = await client.watch("map", "base", min_translation_m=0.1, heartbeat_s=NEVER_S)
+
+        async def next_event() -> PoseEvent:
+            return await anext(aiter(watch))
+
+        first = await next_event()
         assert (first.reason, first.error) == ("found", None)
-        with pytest.raises(TimeoutException):
-            await watch.get(timeout_s=0.05)
-        waiting = asyncio.create_task(watch.get())
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(next_event(), 0.05)
+        waiting = asyncio.create_task(next_event())
         for x in (0.05, 5.0):
             put(tf, x)
         moved = await asyncio.wait_for(waiting, DEADLINE_S)
         assert moved.pose is not None
         assert (moved.reason, moved.pose.transform.translation[0]) == ("moved", 5)
-        cancelled = asyncio.create_task(watch.get())
+        cancelled = asyncio.create_task(next_event())
         await asyncio.sleep(0.01)
         cancelled.cancel()
         for x in range(6, 50):  # the loop is busy meanwhile
             put(tf, x)
         watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
-        newest = await watch.get()
+        newest = await next_event()
         assert newest.pose == tf.lookup_latest_transform("map", "base")
         tf.remove_frame("base")
-        assert (await watch.get()).reason == "lost"
+        assert (await next_event()).reason == "lost"
 
         async def gather() -> list[PoseEvent]:
             return [event async for event in watch]
 
         tasks = [asyncio.create_task(gather()) for _ in range(2)]
         await asyncio.sleep(0.01)
-        await watch.close()
+        await asyncio.to_thread(watch.close)
         assert await asyncio.wait_for(asyncio.gather(*tasks), DEADLINE_S) == [[], []]
         with pytest.raises(ServerUnavailable):
-            await watch.get()
+            watch.get()
 
-        async with await client.watch("map", "base", heartbeat_s=0.02) as other:
+        with await client.watch("map", "base", heartbeat_s=0.02) as other:
             events = []
             async for event in other:
                 events.append(event.reason)

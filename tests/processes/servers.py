@@ -13,7 +13,7 @@ from pathlib import Path
 from tests.support.waiting import wait_until
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.session.connection import Connection
-from zenoh_tf_client.session.mapped_tree import Mode
+from zenoh_tf_client.session.mapped_tree import MappedTree, Mode
 
 from . import forks
 from .ports import free_endpoint
@@ -100,7 +100,8 @@ class ServerProcess:
     def connect(self, timeout_s: float = 5.0, reads: Mode = "query") -> TransformClient:
         """A client; most tests are about queries, so these are the default."""
         if self.LOCAL and reads == "query":
-            return TransformClient(Connection(self.endpoint, self.tree, timeout_s), reads)
+            connection = Connection(self.endpoint, self.tree, timeout_s)
+            return TransformClient(connection, MappedTree(connection, reads))
         return TransformClient.connect(self.endpoint, self.tree, timeout_s, reads=reads)
 
     def empty(self) -> None:

@@ -140,11 +140,11 @@ tasks = set()
 async def main():
     tf = await AsyncTransformClient.connect(sys.argv[1])
     sensor = await tf.broadcaster("sensor")
-    await sensor.send_static(link)
+    sensor.send_static(link)
     for _ in range(20):
         for call in (tf.lookup_transform("a", "never", timeout_s=100),
                      tf.lookup_transform("a", "b"), tf.set_transform(link), tf.frames(),
-                     sensor.send(link)):
+                     asyncio.to_thread(sensor.send, link)):
             tasks.add(asyncio.create_task(call))
     await asyncio.sleep(float(sys.argv[2]))
     for task in tasks:

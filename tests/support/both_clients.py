@@ -11,13 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Self
 
-from zenoh_tf_client import (
-    AsyncBatch,
-    AsyncBroadcaster,
-    AsyncMirror,
-    AsyncTransaction,
-    AsyncTransformClient,
-)
+from zenoh_tf_client import AsyncBatch, AsyncTransaction, AsyncTransformClient
 
 #: Far above what any test waits for.
 TIMEOUT_S = 50.0
@@ -78,7 +72,7 @@ class Blocking:
     def _shown(self, value: Any) -> Any:
         if inspect.isawaitable(value):
             value = self._thread.run(value)
-        if isinstance(value, AsyncBatch | AsyncBroadcaster | AsyncMirror | AsyncTransaction):
+        if isinstance(value, AsyncBatch | AsyncTransaction):
             return Blocking(value, self._thread)
         if inspect.ismethod(value):
             return lambda *arguments, **more: self._shown(value(*arguments, **more))

@@ -30,7 +30,7 @@ class AsyncBatch(BatchOperations):
     `timeout_s` wait side by side, and the reply comes when the last of them is done. In a
     batch that also writes, such lookups fail with InvalidArgumentException.
 
-    Concurrency: one task at a time.
+    Concurrency: one thread or task at a time.
     """
 
     def __init__(self, connection: Connection) -> None:

@@ -54,7 +54,7 @@ class AsyncLookups(AsyncReads):
             ServiceException: As for every call; see the class.
 
         Example:
-            ``X_map_base = (await tf.lookup_transform("map", "base")).transform``
+            ``X_map_base = await tf.lookup_transform("map", "base")``
         """
         found = self._tree.lookup_transform(
             target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s
@@ -108,7 +108,7 @@ class AsyncLookups(AsyncReads):
             ServiceException: As for every call; see the class.
 
         Example:
-            ``X_map_wrist = (await tf.lookup_latest_transform_xact("map", "wrist")).transform``
+            ``X_map_wrist = await tf.lookup_latest_transform_xact("map", "wrist")``
         """
         found = self._tree.lookup_latest_transform_xact(target, source)
         if found:
@@ -134,7 +134,7 @@ class AsyncLookups(AsyncReads):
         """As `TransformTree.sample`, in one request.
 
         Example:
-            ``path = (await tf.sample("map", "camera", stamps_ns)).translations``
+            ``path = await tf.sample("map", "camera", stamps_ns)``
         """
         return await self.lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
 

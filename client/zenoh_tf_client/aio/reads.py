@@ -1,7 +1,5 @@
 """Reads of `AsyncTransformClient` that need nothing of their own."""
 
-# Made by scripts/delegates.py from lookups.py, estimates.py, info.py: edit those.
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -118,7 +116,7 @@ class AsyncReads:
             ServiceException: As for every call; see the class.
 
         Example:
-            ``X = (await tf.estimate_transform("map", "base", max_error_m=0.02)).transform``
+            ``found = await tf.estimate_transform("map", "base", max_error_m=0.02)``
         """
         found = self._tree.estimate_transform(
             target,
@@ -164,7 +162,7 @@ class AsyncReads:
             ServiceException: As for every call; see the class.
 
         Example:
-            ``near = (await tf.estimate_transforms("map", arms, None)).error_m < 0.02``
+            ``found = await tf.estimate_transforms("map", arms, None)``
         """
         found = self._tree.estimate_transforms(
             targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m

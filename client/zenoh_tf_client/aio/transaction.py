@@ -52,7 +52,7 @@ class AsyncTransaction:
     TransactionConflict if a frame has changed since the transaction read it before, and
     ServerRestarted if the server that it has read from is gone.
 
-    Concurrency: one task at a time.
+    Concurrency: one thread or task at a time.
     """
 
     def __init__(self, connection: Connection, reads: SharedReads) -> None:

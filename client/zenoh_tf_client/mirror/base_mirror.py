@@ -1,4 +1,4 @@
-"""What the mirrors of both clients share: the copy, but not how a caller waits."""
+"""The base of `Mirror`: its copy, and how old that is."""
 
 from __future__ import annotations
 

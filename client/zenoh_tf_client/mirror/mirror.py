@@ -1,7 +1,5 @@
 """`Mirror`: a copy of the server's tree in this process, kept up to date by its stream."""
 
-# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/mirror.py: edit that.
-
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence

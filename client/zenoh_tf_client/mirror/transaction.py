@@ -1,7 +1,5 @@
 """`MirrorTransaction`: a transaction whose reads are in a mirror."""
 
-# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/mirror_transaction.py: edit that.
-
 from __future__ import annotations
 
 from typing import Self, TypeVar

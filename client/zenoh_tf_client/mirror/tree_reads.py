@@ -1,7 +1,5 @@
 """The lookups of mirrors that are those of their tree."""
 
-# Made by scripts/delegates.py from _core.pyi, tree.py: edit those.
-
 from __future__ import annotations
 
 from abc import ABC, abstractmethod

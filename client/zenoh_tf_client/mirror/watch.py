@@ -1,14 +1,13 @@
 """`Watch`: follows the pose of a pair of frames."""
 
-# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/watch.py: edit that.
-
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Self
 
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
+from zenoh_tf.loop_waits import LoopWaits
 from zenoh_tf.text import quoted
 
 from ..session.calls import raise_if_forked
@@ -23,7 +22,8 @@ class Watch:
     watch the same pair at the same rate. Nothing queues up: each event is made when it is read,
     and has the newest pose. A context manager, which closes itself at the end.
 
-    Thread safety: all methods. Each event goes to one of the threads that wait.
+    Thread safety: all methods. Each event goes to one of the threads or tasks that wait. An event
+    loop iterates with ``async for``.
 
     Example:
         ``for event in watch: print(event.reason, event.pose, event.age_s)``
@@ -39,6 +39,8 @@ class Watch:
         self.source = source
         self._mirror = mirror
         self._watching = Watching(mirror, target, source, terms)
+        self._loops = LoopWaits()
+        mirror._feed.on_change = self._loops.wake  # the feed must not keep the watch alive
 
     def __repr__(self) -> str:
         state = "closed" if self._mirror._feed.closed else "open"
@@ -55,6 +57,14 @@ class Watch:
         while not self._mirror._feed.closed:
             if event := self._next(None):
                 yield event
+
+    def __aiter__(self) -> AsyncIterator[PoseEvent]:
+        """Iterate on an event loop, until the watch or its client is closed."""
+        return self._loops.events(
+            lambda: self._next(0.0),
+            lambda: self._mirror._feed.closed,
+            lambda: self._watching.heartbeat_in_s,
+        )
 
     def get(self, timeout_s: float | None = None) -> PoseEvent:
         """Return the next event: at once, if the pose has changed enough since the last one.

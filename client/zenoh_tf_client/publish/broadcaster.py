@@ -1,26 +1,30 @@
 """`Broadcaster`: publishes transforms without waiting for a reply, as sensors need it."""
 
-# Made by scripts/sync_client.py from client/zenoh_tf_client/aio/broadcaster.py: edit that.
-
 from __future__ import annotations
 
+import threading
+import weakref
 from collections.abc import Iterable
 from typing import Self
 
 from zenoh_tf import StampedTransform
+from zenoh_tf._net import keys
+from zenoh_tf.errors import ServerUnavailable
 
+from ..session.calls import is_forked, raise_if_forked
 from ..session.connection import Connection
-from .publisher import message
-from .publishing import Publishing, rows_of
+from .announcer import Announcer
+from .publisher import Publisher, message
 
 
-class Broadcaster(Publishing):
+class Broadcaster:
     """Publishes transforms as one authority; made by `TransformClient.broadcaster`.
 
     One call sends one message, which the server commits atomically. The server sends no reply: it
     logs and counts what it rejects. The broadcaster keeps its static transforms and announces
     them to every new server, which leaves out those that a call or another authority has changed
-    or removed since. A context manager, which closes itself at the end.
+    or removed since. A call returns at once, unless the network takes no more: then a sensor that
+    outruns it waits. A context manager, which closes itself at the end.
 
     Thread safety: all methods.
     """
@@ -28,15 +32,43 @@ class Broadcaster(Publishing):
     def __init__(
         self, connection: Connection, authority: str, open_broadcasters: set[Broadcaster]
     ) -> None:
-        """Use `TransformClient.broadcaster` instead."""
-        super().__init__(connection, authority, open_broadcasters)
+        """Declare the publishers, and be in `open_broadcasters` until the end.
+
+        Raises:
+            InvalidArgumentException: `authority` is too long or not valid UTF-8.
+            ServerUnavailable: The connection is closed.
+            AccessDenied: The server's access rules do not allow to publish as `authority`.
+        """
+        connection.check_publish(authority)
+        self._authority = authority
         self._connection = connection
+        self._lock = threading.Lock()
+        self._announcer: Announcer | None = None  # once there are static transforms
+        self._closed = False
+        self._dynamic_publisher = self._publisher(static=False)
+        self._static_publisher = self._publisher(static=True)
+        # A weak reference: otherwise the two would be collected later than the client.
+        self._open_broadcasters = weakref.ref(open_broadcasters)
+        open_broadcasters.add(self)
+
+    def __repr__(self) -> str:
+        state = "closed" if self._closed or self._connection.closed else "open"
+        statics = 0 if self._announcer is None else len(self._announcer)
+        return (
+            f"<Broadcaster {self._authority!r} at {self._connection.endpoint}, "
+            f"tree {self._connection.tree!r}, {statics} static, {state}>"
+        )
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def authority(self) -> str:
+        """Returns the name that this broadcaster publishes as."""
+        return self._authority
 
     def send(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms at their stamps, without waiting for the server.
@@ -55,7 +87,7 @@ class Broadcaster(Publishing):
         Example:
             ``wheels.send(StampedTransform("odom", "base", time.time_ns(), X_odom_base))``
         """
-        self._dynamic_publisher.put(message(rows_of(stampeds)))
+        self._dynamic_publisher.put(message(_rows_of(stampeds)))
 
     def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms that hold at all times, now and to every new server later.
@@ -74,8 +106,36 @@ class Broadcaster(Publishing):
         Example:
             ``wheels.send_static(StampedTransform("base", "camera", 0, X_base_camera))``
         """
-        self._put_static(rows_of(stampeds))
+        raise_if_forked()
+        with self._lock:
+            if self._closed:
+                raise ServerUnavailable("the broadcaster is closed")
+            if self._announcer is None:
+                self._announcer = Announcer(self._connection, self._static_publisher)
+            announcer = self._announcer
+        announcer.send(_rows_of(stampeds))
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
-        self._end()
+        if is_forked():
+            return
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            announcer = self._announcer
+        if announcer is not None:
+            announcer.close()
+        self._dynamic_publisher.undeclare()
+        self._static_publisher.undeclare()
+        open_broadcasters = self._open_broadcasters()
+        if open_broadcasters is not None:
+            open_broadcasters.discard(self)
+
+    def _publisher(self, *, static: bool) -> Publisher:
+        key = keys.put(self._connection.tree, self._authority, static=static)
+        return Publisher(self._connection, key)
+
+
+def _rows_of(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
+    return [stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds)

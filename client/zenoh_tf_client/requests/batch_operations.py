@@ -1,7 +1,5 @@
 """The operations that a `Batch` records, one method for each."""
 
-# Made by scripts/delegates.py from lookups.py, estimates.py, writes.py, info.py: edit those.
-
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -29,7 +27,7 @@ T = TypeVar("T")
 
 
 class BatchOperations(ABC):
-    """The base of `Batch`. Each method records that of `TransformClient` with the same name.
+    """The base of both batches. Each method records that of `TransformClient` with its name.
 
     It checks the arguments at once. The handle's `result()` returns what that method returns, and
     raises what it raises.

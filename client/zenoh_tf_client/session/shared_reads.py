@@ -10,16 +10,16 @@ from zenoh_tf.shared_tree import AskServer
 
 from ..requests import lookups
 from ..requests.request import Read, Request, Rows, VersionedRead
+from ..session.mapped_tree import MappedTree, read_tree
 from .connection import Connection
-from .mapped_tree import MappedTree, read_tree
 
 T = TypeVar("T")
 
 
 class SharedReads:
-    """The lookups of one client.
+    """The lookups of one client. What is in memory is read without waiting.
 
-    Thread safety: all methods.
+    Concurrency: all methods.
     """
 
     def __init__(self, connection: Connection, mapped: MappedTree) -> None:

@@ -120,21 +120,15 @@ class Connection:
                 raise ServerUnavailable(_CLOSED)
             return await self._transport.worker.run(call)
 
-    async def close(self, then: Callable[[], None]) -> None:
-        """Close the session, and call `then` on the thread that does so. May be called again.
+    async def close(self, session: Callable[[], None]) -> None:
+        """Close the connection, and the session by a call of `session`. May be called again.
 
         Calls that wait for a reply fail at once.
         """
         self._check_loop()
         self._transport.close()
         self._outbox.end(_CLOSED)
-
-        def close() -> None:
-            self.opened.close()
-            self.mapped.close()
-            then()
-
-        await in_thread(close)
+        await in_thread(session)
 
     def _check_loop(self) -> None:
         if asyncio.get_running_loop() is not self._loop:

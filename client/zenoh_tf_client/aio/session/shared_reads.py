@@ -15,9 +15,9 @@ T = TypeVar("T")
 
 
 class SharedReads:
-    """The lookups of one client. What is in memory is read without suspending the caller.
+    """The lookups of one client. What is in memory is read without waiting.
 
-    Concurrency: all methods, from any task of the client's event loop.
+    Concurrency: all methods.
     """
 
     def __init__(self, connection: Connection, mapped: MappedTree) -> None:

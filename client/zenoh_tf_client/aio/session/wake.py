@@ -1,6 +1,6 @@
 """Wakes an event loop from another thread.
 
-`Wake` is cheaper than `call_soon_threadsafe`. A loop's own wake-up may keep the interpreter lock
+It is cheaper than `call_soon_threadsafe`. A loop's own wake-up may keep the interpreter lock
 while it writes, so that the loop's thread wakes only to wait for that lock. Writing to a pipe gives
 the lock away first: a lone lookup takes a tenth less time.
 """
@@ -8,7 +8,6 @@ the lock away first: a lone lookup takes a tenth less time.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
 from collections.abc import Callable
 from typing import Final
@@ -49,23 +48,3 @@ class Wake:
         os.read(self._reading, _BYTES)
         self._is_sent = False  # before the call: what comes from now on wakes the loop again
         self._called()
-
-
-class Alarm:
-    """Sets an event of the running loop from another thread."""
-
-    def __init__(self) -> None:
-        self.event = asyncio.Event()
-        self._loop = asyncio.get_running_loop()
-        self._is_sent = False
-
-    def send(self) -> None:
-        """Set the event soon. While the loop is busy, further calls add nothing to its queue."""
-        if not self._is_sent:
-            self._is_sent = True
-            with contextlib.suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(self._set)
-
-    def _set(self) -> None:
-        self._is_sent = False  # first: what comes from now on sets it again
-        self.event.set()
