@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 setup test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
+.PHONY: help native demo demo-ros2 setup check test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
 	coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
@@ -58,6 +58,14 @@ endef
 
 setup: native ## what `make test` needs, built once: native, and the C++ tests
 	@$(LOCK) sh scripts/core_test.sh --build plain
+
+# Folders whose tests without a server start no process either and compute for seconds at most.
+UNITS := $(addprefix tests/,tree transforms conformance requests streams/test_wire_stream.py)
+check: native ## the inner loop, in less than a minute after set-up: ruff, mypy, tests without servers
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/ruff format --quiet --check .
+	@$(BIN)/mypy
+	@$(PYTEST) -q -n $(WORKERS) -m "not slow and not service" $(UNITS) $(ARGS)
 
 test: setup ## what every change must pass, under 10 minutes after set-up; ARGS="-k wire -x", ARGS="--durations=10 --count-servers"
 	@$(LOCK) sh scripts/core_test.sh plain

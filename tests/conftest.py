@@ -47,6 +47,9 @@ _LONGEST = {
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in _LONGEST)
+    for item in items:
+        if "start_server" in getattr(item, "fixturenames", ()) or "[remote" in item.name:
+            item.add_marker("service")
 
 
 #: How many servers the workers of pytest-xdist have started, for the process that prints it.
