@@ -20,10 +20,10 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf import TransformTree, wire
-from zenoh_tf.doctor import Observation
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
+from zenoh_tf_tools.doctor import Observation
 
 #: How often it is asked whether the clocks have been compared.
 _PAUSE_S: Final = 0.01

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from bench.results import MARKER, Results
 from tests.mutation import fault_page
-from zenoh_tf.doctor import __main__ as doctor
 from zenoh_tf.introspection import metric_table
 from zenoh_tf_server import flags, limits
+from zenoh_tf_tools.doctor import __main__ as doctor
 
 from .. import sync_client
 from .repository import Repository, Violation
@@ -30,7 +30,7 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
         ("docs/reference/limits.md", list(limits.table()), "zenoh_tf_server.limits"),
         ("docs/reference/server.md", list(flags.page()), "zenoh_tf_server.flags"),
         ("docs/reference/metrics.md", list(metric_table.table()), metrics),
-        ("docs/reference/doctor.md", list(doctor.page()), "zenoh_tf.doctor"),
+        ("docs/reference/doctor.md", list(doctor.page()), "zenoh_tf_tools.doctor"),
         ("tests/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
     ):
         is_table = made[0].startswith("|")

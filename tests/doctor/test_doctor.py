@@ -20,7 +20,7 @@ from zenoh_tf import (
     Transform,
     TransformTree,
 )
-from zenoh_tf.doctor import CATALOGUE, LinkFacts, TreeFacts, diagnose
+from zenoh_tf_tools.doctor import CATALOGUE, LinkFacts, TreeFacts, diagnose
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 S = 10**9

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from tests.support.recorded import RUN, needs_recording
 from zenoh_tf._core import TransformRows
-from zenoh_tf.doctor import RecordedFacts, diagnose
 from zenoh_tf.recordings import open_recording
+from zenoh_tf_tools.doctor import RecordedFacts, diagnose
 
 S = 10**9
 Q = (0.0, 0.0, 0.0, 1.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from zenoh_tf.doctor import CATALOGUE, diagnose
+from zenoh_tf_tools.doctor import CATALOGUE, diagnose
 
 from .faults import FAULTS, Found
 from .healthy import HEALTHY, post_dated

@@ -11,9 +11,9 @@ import pytest
 from tests.support import command_line
 from tests.support.waiting import wait_until
 from zenoh_tf import ExtrapolationException, StampedTransform, Transform
-from zenoh_tf.doctor import diagnose
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.observations import watch
+from zenoh_tf_tools.doctor import diagnose
 
 MS = 10**6
 S = 10**9

@@ -10,11 +10,11 @@ import pytest
 
 from tests.conftest import StartServer
 from zenoh_tf import ServerUnavailable, StampedTransform, Transform
-from zenoh_tf.doctor import TreeFacts
-from zenoh_tf.doctor.observation import Seen
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import observations
 from zenoh_tf_tools.cli.observations import watch
+from zenoh_tf_tools.doctor import TreeFacts
+from zenoh_tf_tools.doctor.observation import Seen
 from zenoh_tf_tools.tree_observer import TreeObserver
 
 S = 10**9

@@ -16,9 +16,9 @@ import numpy as np
 
 from zenoh_tf import AuthorityInfo, FrameInfo, TransformTree
 from zenoh_tf._core import OP_AT, TransformRows
-from zenoh_tf.doctor import LinkFacts, Observation, TreeFacts
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf_server.limits import Limits
+from zenoh_tf_tools.doctor import LinkFacts, Observation, TreeFacts
 
 S: Final = 10**9
 #: The clock when the doctor comes.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from zenoh_tf._core import TransformRows
-from zenoh_tf.doctor import RecordedFacts, diagnose
+from zenoh_tf_tools.doctor import RecordedFacts, diagnose
 
 S = 10**9
 #: Parent, child, stamp in seconds, x in metres, yaw in radians.

@@ -9,7 +9,7 @@ import pytest
 
 from tests.doctor.ward import END_S, START_S, Pose, Robot, observed, pose
 from zenoh_tf import Transform
-from zenoh_tf.doctor import Finding, diagnose
+from zenoh_tf_tools.doctor import Finding, diagnose
 
 OPTICAL: Pose = (0.0, 0.015, 0.0, -0.5, 0.5, -0.5, 0.5)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator
 import pytest
 
 from zenoh_tf import ServerUnavailable, StampedTransform, Transform, TransformTree
-from zenoh_tf.doctor import LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor import LinkFacts, TreeFacts
 from zenoh_tf_tools.viewer import findings as findings_module
 from zenoh_tf_tools.viewer.findings import Findings
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tests.viewer.viewers import S, Tree, click, opened, step
-from zenoh_tf.doctor import CATALOGUE, Finding
+from zenoh_tf_tools.doctor import CATALOGUE, Finding
 from zenoh_tf_tools.viewer import scene
 from zenoh_tf_tools.viewer.controls.clock import Clock
 from zenoh_tf_tools.viewer.viewer import Viewer

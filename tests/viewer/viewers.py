@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree
-from zenoh_tf.doctor import TreeFacts
+from zenoh_tf_tools.doctor import TreeFacts
 from zenoh_tf_tools.viewer.models import Model
 from zenoh_tf_tools.viewer.source import Link
 from zenoh_tf_tools.viewer.viewer import Options, Viewer

@@ -9,9 +9,9 @@ from collections.abc import Generator
 from typing import Final
 
 from zenoh_tf import LimitExceeded, TimeoutException
-from zenoh_tf.doctor import LinkFacts, TreeFacts
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli.records import frame_infos
+from zenoh_tf_tools.doctor import LinkFacts, TreeFacts
 from zenoh_tf_tools.tree_observer import TreeObserver
 
 #: How often what has come is read.

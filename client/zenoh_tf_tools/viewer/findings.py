@@ -8,8 +8,8 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Final
 
 from zenoh_tf import TransformException, threads
-from zenoh_tf.doctor import Finding, TreeFacts, diagnose
 from zenoh_tf.recordings import RecordingError
+from zenoh_tf_tools.doctor import Finding, TreeFacts, diagnose
 
 #: The pause after an observation, in seconds, so that the server has time for others.
 _PAUSE_S: Final = 5.0

@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zenoh_tf.doctor import RecordedFacts, TreeFacts
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
@@ -20,6 +19,7 @@ from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import watch
 from zenoh_tf_tools.cli.progress import Progress
+from zenoh_tf_tools.doctor import RecordedFacts, TreeFacts
 from zenoh_tf_tools.errors import CommandError, extra
 from zenoh_tf_tools.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer.live import LiveSource

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import textwrap
 
-from zenoh_tf.doctor import CATALOGUE, Finding, RecordedFacts, TreeFacts, diagnose
 from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_duration
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import observe
 from zenoh_tf_tools.cli.progress import Progress
+from zenoh_tf_tools.doctor import CATALOGUE, Finding, RecordedFacts, TreeFacts, diagnose
 from zenoh_tf_tools.errors import FAULT_FOUND
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import Estimate, Transform, TransformException, Velocity
-from zenoh_tf.doctor import Finding
 from zenoh_tf.text import cut, printable
 from zenoh_tf.text.times import age, seconds
+from zenoh_tf_tools.doctor import Finding
 from zenoh_tf_tools.estimate_words import bounds, carried_on
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.source import Link

@@ -8,10 +8,18 @@ from typing import Final
 
 import numpy as np
 
-from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
-from zenoh_tf.doctor.words import Evidence, authority, by_publisher, length, listed, shift, times
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import age, seconds
+from zenoh_tf_tools.doctor.facts import LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor.words import (
+    Evidence,
+    authority,
+    by_publisher,
+    length,
+    listed,
+    shift,
+    times,
+)
 
 _NORM_ERROR: Final = 1e-3
 #: A robot's part that is farther from its body is placed in millimetres: this far, or so many times

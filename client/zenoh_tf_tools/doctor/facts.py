@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from zenoh_tf.doctor.observation import Seen
-from zenoh_tf.doctor.timing import PAUSE_PERIODS, Pause
 from zenoh_tf.introspection.explain import is_stopped, stopped_after_s
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.text.times import reference_ns
+from zenoh_tf_tools.doctor.observation import Seen
+from zenoh_tf_tools.doctor.timing import PAUSE_PERIODS, Pause
 
 #: Rare events are reported for so long, though nobody observed them.
 _RECENT_S: Final = 600.0

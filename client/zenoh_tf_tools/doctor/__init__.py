@@ -4,10 +4,11 @@
 plain facts, so it serves an embedded tree, a server's and a recording alike.
 """
 
-from zenoh_tf.doctor.catalogue import CATALOGUE, Fault, Finding, diagnose
-from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
-from zenoh_tf.doctor.observation import Observation
-from zenoh_tf.doctor.recorded import RecordedFacts
+from zenoh_tf_tools.doctor.catalogue import CATALOGUE, diagnose
+from zenoh_tf_tools.doctor.facts import LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor.findings import Fault, Finding
+from zenoh_tf_tools.doctor.observation import Observation
+from zenoh_tf_tools.doctor.recorded import RecordedFacts
 
 __all__ = [
     "CATALOGUE",

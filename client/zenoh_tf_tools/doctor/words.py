@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
 from zenoh_tf.text import quoted
+from zenoh_tf_tools.doctor.facts import LinkFacts, TreeFacts
 
 #: What a check yields: the subject, a frame or an authority, and the evidence as a sentence.
 Evidence = Iterator[tuple[str, str]]

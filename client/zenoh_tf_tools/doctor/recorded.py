@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 
 from zenoh_tf import admission
-from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
-from zenoh_tf.doctor.observation import Observation
+from zenoh_tf._core import TransformRows
 from zenoh_tf.tree import TransformTree
-
-from .._core import TransformRows
+from zenoh_tf_tools.doctor.facts import LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor.observation import Observation
 
 #: Seconds that the tree keeps: as a server by default.
 _CACHE_S: Final = 10.0

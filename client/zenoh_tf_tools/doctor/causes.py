@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from zenoh_tf.doctor.facts import TreeFacts
 from zenoh_tf.text.similar import spelling
-
-if TYPE_CHECKING:
-    from zenoh_tf.doctor.catalogue import Finding
+from zenoh_tf_tools.doctor.facts import TreeFacts
+from zenoh_tf_tools.doctor.findings import Finding
 
 #: The faults that cause one, on the same link or by the same authority.
 _CAUSES: Final[dict[str, Collection[str]]] = {

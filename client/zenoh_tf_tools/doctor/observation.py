@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf.doctor.motion import Motion
-from zenoh_tf.doctor.timing import NO_ARRIVAL, Chunk, Timing
+from zenoh_tf_tools.doctor.motion import Motion
+from zenoh_tf_tools.doctor.timing import NO_ARRIVAL, Chunk, Timing
 
 #: Samples that are read at once, and those of them that the next ones are compared with.
 _CHUNK: Final = 1024

@@ -7,11 +7,11 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import Final
 
-from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
-from zenoh_tf.doctor.words import Evidence, by_publisher, samples, times, window
 from zenoh_tf.introspection.frame_info import AHEAD_S, is_post_dated
 from zenoh_tf.text.stamp_units import other_unit
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
+from zenoh_tf_tools.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor.words import Evidence, by_publisher, samples, times, window
 
 #: A clock that is late by more is wrong; less may be the delay of messages.
 _BEHIND_S: Final = 1.0

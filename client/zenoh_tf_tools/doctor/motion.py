@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf.doctor.timing import Chunk
+from zenoh_tf_tools.doctor.timing import Chunk
 
 Floats = NDArray[np.float64]
 

@@ -1,60 +1,14 @@
-"""The catalogue of faults. ``python -m zenoh_tf.doctor`` makes docs/reference/doctor.md of it."""
+"""The catalogue of faults. ``python -m zenoh_tf_tools.doctor`` prints its page."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection
 from typing import Final
 
-from zenoh_tf.doctor import clocks, publishers, structure, values
-from zenoh_tf.doctor.causes import without_consequences
-from zenoh_tf.doctor.facts import TreeFacts
-
-
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """A fault that the doctor can find.
-
-    Attributes:
-        id: Its number, which never changes.
-        title: What it is.
-        explanation: What it means for lookups, and what usually causes it.
-        remedy: What to do.
-        check: Finds it: the subjects, each with its evidence.
-    """
-
-    id: str
-    title: str
-    explanation: str
-    remedy: str
-    check: Callable[[TreeFacts], Iterator[tuple[str, str]]]
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A fault that was found.
-
-    Attributes:
-        fault: Which one.
-        subject: The frame, authority or client that has it.
-        evidence: A sentence with the figures.
-    """
-
-    fault: Fault
-    subject: str
-    evidence: str
-
-    def document(self) -> dict[str, str]:
-        """Return it as JSON values."""
-        return {
-            "id": self.fault.id,
-            "title": self.fault.title,
-            "subject": self.subject,
-            "evidence": self.evidence,
-            "explanation": self.fault.explanation,
-            "remedy": self.fault.remedy,
-        }
-
+from zenoh_tf_tools.doctor import clocks, publishers, structure, values
+from zenoh_tf_tools.doctor.causes import without_consequences
+from zenoh_tf_tools.doctor.facts import TreeFacts
+from zenoh_tf_tools.doctor.findings import Fault, Finding
 
 CATALOGUE: Final = (
     Fault(

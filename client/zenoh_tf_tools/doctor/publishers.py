@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from zenoh_tf.doctor.clocks import refused_ahead
-from zenoh_tf.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
-from zenoh_tf.doctor.takeovers import takeovers
-from zenoh_tf.doctor.words import Evidence, authority, listed, samples, times, window
 from zenoh_tf.introspection.sentences import mirror_is_lost
 from zenoh_tf.text import quoted
 from zenoh_tf.text.times import CLOCK_RANGE_S, age
+from zenoh_tf_tools.doctor.clocks import refused_ahead
+from zenoh_tf_tools.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor.takeovers import takeovers
+from zenoh_tf_tools.doctor.words import Evidence, authority, listed, samples, times, window
 
 #: A link that changes its parent is grasped or released; more often than this, two publishers
 #: disagree.

@@ -1,11 +1,11 @@
-"""``python -m zenoh_tf.doctor > docs/reference/doctor.md`` writes the page about the catalogue."""
+"""``python -m zenoh_tf_tools.doctor`` prints the page about the catalogue."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Final
 
-from zenoh_tf.doctor.catalogue import CATALOGUE
+from zenoh_tf_tools.doctor.catalogue import CATALOGUE
 
 _INTRODUCTION: Final = """\
 # Doctor
@@ -30,11 +30,11 @@ the time of its log for the arrivals. Only the messages show quaternions that ar
 length 1 (TF401); what a server has refused is TF106. Nor does it say what was looked up,
 so whether a link is too slow (TF107) is judged by the rates of its chain alone.
 
-In a program, `zenoh_tf.doctor.diagnose` makes findings from plain facts. Without samples,
-which `zenoh_tf.doctor.Observation` gathers, it judges the records of the frames alone:
+In a program, `zenoh_tf_tools.doctor.diagnose` makes findings from plain facts. Without samples,
+which `zenoh_tf_tools.doctor.Observation` gathers, it judges the records of the frames alone:
 
 ```python
-from zenoh_tf.doctor import LinkFacts, TreeFacts, diagnose
+from zenoh_tf_tools.doctor import LinkFacts, TreeFacts, diagnose
 
 links = [LinkFacts(tree.frame(name)) for name in tree.frames()]
 for finding in diagnose(TreeFacts(links, now_ns=time.time_ns())):

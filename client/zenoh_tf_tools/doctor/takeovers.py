@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from zenoh_tf._core import Transform
-from zenoh_tf.doctor.facts import LinkFacts, TreeFacts
-from zenoh_tf.doctor.observation import Pose
-from zenoh_tf.doctor.words import Evidence, authority, times
 from zenoh_tf.introspection.frame_info import FrameChange
 from zenoh_tf.text import quoted
+from zenoh_tf_tools.doctor.facts import LinkFacts, TreeFacts
+from zenoh_tf_tools.doctor.observation import Pose
+from zenoh_tf_tools.doctor.words import Evidence, authority, times
 
 _METRES: Final = "x {:g} y {:g} z {:g} m"
 _QUATERNION: Final = "quaternion x {:g} y {:g} z {:g} w {:g}"

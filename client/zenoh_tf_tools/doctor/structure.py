@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Final
 
-from zenoh_tf.doctor.facts import TreeFacts
-from zenoh_tf.doctor.words import Evidence, listed
 from zenoh_tf.text import quoted
 from zenoh_tf.text.similar import spelling
+from zenoh_tf_tools.doctor.facts import TreeFacts
+from zenoh_tf_tools.doctor.words import Evidence, listed
 
 _DEEP: Final = 100
 
