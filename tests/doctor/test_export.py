@@ -21,7 +21,7 @@ S = 10**9
 HOSTILE = [
     'a"b',
     "new\nline",
-    "\x1b[2J\x00",
+    "\x1b[2J\x01",
     "back\\",
     "\\N \\G \\l",
     "<script>alert(1)</script>",
