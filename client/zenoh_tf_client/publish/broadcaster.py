@@ -20,11 +20,11 @@ from .publisher import Publisher, message
 class Broadcaster:
     """Publishes transforms as one authority; made by `TransformClient.broadcaster`.
 
-    One call sends one message, which the server commits atomically. The server sends no reply: it
-    logs and counts what it rejects. The broadcaster keeps its static transforms and announces
-    them to every new server, which leaves out those that a call or another authority has changed
-    or removed since. A call returns at once, unless the network takes no more: then a sensor that
-    outruns it waits. A context manager, which closes itself at the end.
+    One call sends one message, whose good transforms the server commits at one instant. The server
+    sends no reply: it logs and counts what it rejects. The broadcaster keeps its static transforms
+    and announces them to every new server, which leaves out those that a call or another authority
+    has changed or removed since. A call returns at once, unless the network takes no more: then a
+    sensor that outruns it waits. A context manager, which closes itself at the end.
 
     Thread safety: all methods.
     """
@@ -77,8 +77,8 @@ class Broadcaster:
 
         Args:
             stampeds: One transform or several, each ``X_parent_child``: it maps coordinates in
-                the child frame to coordinates in the parent frame. Metres; nanoseconds. Several
-                are committed atomically, all or none of them.
+                the child frame to coordinates in the parent frame. Metres; nanoseconds. Those
+                of several that the server accepts are committed at one instant.
 
         Raises:
             LimitExceeded: The message would be larger than 16 MiB.
@@ -87,7 +87,7 @@ class Broadcaster:
         Example:
             ``wheels.send(StampedTransform("odom", "base", time.time_ns(), X_odom_base))``
         """
-        self._dynamic_publisher.put(message(_rows_of(stampeds)))
+        self._dynamic_publisher.put(message(stampeds))
 
     def send_static(self, stampeds: StampedTransform | Iterable[StampedTransform]) -> None:
         """Publish transforms that hold at all times, now and to every new server later.
@@ -113,7 +113,7 @@ class Broadcaster:
             if self._announcer is None:
                 self._announcer = Announcer(self._connection, self._static_publisher)
             announcer = self._announcer
-        announcer.send(_rows_of(stampeds))
+        announcer.send([stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds))
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""
@@ -135,7 +135,3 @@ class Broadcaster:
     def _publisher(self, *, static: bool) -> Publisher:
         key = keys.put(self._connection.tree, self._authority, static=static)
         return Publisher(self._connection, key)
-
-
-def _rows_of(stampeds: StampedTransform | Iterable[StampedTransform]) -> list[StampedTransform]:
-    return [stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds)

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import zenoh
 
 from zenoh_tf import StampedTransform, wire
+from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import LimitExceeded, ServerUnavailable
 
-from ..requests import columns
 from ..session.calls import SessionCalls
 from ..session.connection import Connection
 
@@ -83,13 +83,15 @@ def undeclare_unless_closed(undeclare: Callable[[], object], calls: SessionCalls
         undeclare()
 
 
-def message(stampeds: Sequence[StampedTransform], *, announce: bool = False) -> bytes:
-    """The bytes of one put.
+def message(
+    stampeds: StampedTransform | Iterable[StampedTransform], *, announce: bool = False
+) -> bytes:
+    """The bytes of one put, of one transform or several.
 
     Raises LimitExceeded if they are more than any server accepts by default.
     """
-    commit = columns.commit(stampeds)
-    commit.announce = announce
+    rows = [stampeds] if isinstance(stampeds, StampedTransform) else stampeds
+    commit = wire.Commit(TransformRows.of(rows), announce=announce)
     payload = wire.pack(wire.commit_body(commit))
     if len(payload) > wire.MAX_MESSAGE_BYTES:
         raise LimitExceeded(
