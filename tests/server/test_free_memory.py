@@ -49,6 +49,30 @@ def test_freed_memory_goes_back() -> None:
     assert _kept(start=True, seconds=30.0) < 20e6
 
 
+# As a crowd of connections leaves it.
+NO_FREE_FILE = """
+import logging, resource, threading, time
+from zenoh_tf.mirrors import free_memory
+seen = []
+logging.getLogger("zenoh_tf").addHandler(handler := logging.Handler())
+handler.emit = seen.append
+free_memory._INTERVAL_S = 0.01
+looked = threading.Semaphore(0)
+free_memory.resident_bytes = lambda look=free_memory.resident_bytes: looked.release() or look()
+memory = free_memory.FreeMemory()
+memory.start()
+resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
+print(all(looked.acquire(timeout=10) for _ in range(10)), seen)
+"""
+
+
+def test_a_size_that_cannot_be_read_is_read_later() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", NO_FREE_FILE], check=True, capture_output=True, text=True, timeout=60
+    )
+    assert (done.stdout, done.stderr) == ("True []\n", "")
+
+
 # Threads that allocate at the same time, so that each would get a heap of its own.
 HEAPS = """
 import ctypes, sys, threading

@@ -13,6 +13,7 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import os
@@ -83,11 +84,12 @@ class FreeMemory(Periodic):
             super().start()
 
     def _give_back(self) -> None:
-        now = resident_bytes()
-        if now > self._least + _GROWTH_BYTES:
-            give_back()
-            self._least = resident_bytes()
-        self._least = min(self._least, now)
+        with contextlib.suppress(OSError):  # the process has no free file: the next time will do
+            now = resident_bytes()
+            if now > self._least + _GROWTH_BYTES:
+                give_back()
+                self._least = resident_bytes()
+            self._least = min(self._least, now)
 
 
 def set_up_heaps() -> None:
