@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from zenoh_tf.errors import InvalidArgumentException, must_be
+from zenoh_tf.text.flag_values import file_path
 
 from . import limit_flags, motion_limits
 from .security import access_rules
@@ -43,9 +44,8 @@ _LIMITS: Final = "limits"
 _MOTION: Final = motion_limits.SECTION
 #: Flags that cannot be in a file, where limits have a section.
 _NOT_IN_FILE: Final = ("help", "version", "config", "limit")
-_PATH_METAVARS: Final = ("FILE", "DIR")
-#: Numbers with a unit, as in "1G" or "30s".
-_UNIT_METAVARS: Final = ("BYTES", "DURATION")
+#: The types of flags that are paths.
+_PATHS: Final = (Path, file_path)
 
 
 def parse_arguments(
@@ -183,7 +183,8 @@ def _reject_unknown(section: str, key: str, actions: dict[str, argparse.Action])
 
 
 def _value(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
-    """A value of the file as the flag's own parser would return it."""
+    """A value of the file as the flag's own parser would return it: the type that the flag declares
+    reads it as on the command line."""
     if action.nargs == 0:
         return _checked(flag, value, bool, "true or false")
     if isinstance(action, argparse._AppendAction) or action.nargs in ("+", "*"):
@@ -193,20 +194,13 @@ def _value(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
 
 
 def _single(action: argparse.Action, flag: str, value: Any, folder: Path) -> Any:
-    kind = action.type
-    default = type(action.default)
-    has_unit = action.metavar in _UNIT_METAVARS
-    if default is int and not has_unit:
-        value = _checked(flag, value, int, "a whole number")
-    elif default is float and not has_unit:
-        value = float(_checked(flag, value, (int, float), "a number"))
+    if action.type is None:
+        value = _checked(flag, value, str, "a text")
     else:
-        value = _checked(flag, value, (str, int, float) if kind else str, "a text")
-        if action.metavar in _PATH_METAVARS:
-            value = str(folder / value)
-    if callable(kind):
+        assert callable(action.type)
+        text = str(_checked(flag, value, (str, int, float), "a text or a number"))
         try:
-            value = kind(str(value))
+            value = action.type(str(folder / text) if action.type in _PATHS else text)
         except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
             raise InvalidArgumentException(f"{flag}: {error}", field=flag) from error
     if action.choices is not None and value not in action.choices:

@@ -90,6 +90,11 @@ def size(low: int = 1) -> Callable[[str], int]:
     return parse
 
 
+def file_path(text: str) -> str:
+    """The path of a file. One in a configuration file is relative to the folder of that."""
+    return text
+
+
 def frames(text: str) -> tuple[str, ...]:
     """Names of frames, as in ``map,world``."""
     names = tuple(name.strip() for name in text.split(","))

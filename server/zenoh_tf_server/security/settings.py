@@ -13,6 +13,7 @@ from typing import NoReturn, cast
 from zenoh_tf._net import credentials, zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.text.flag_values import file_path
 
 from . import access_control
 from .access_control import PRIMARY_PROTOCOL
@@ -83,18 +84,21 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--tls-certificate",
         metavar="FILE",
+        type=file_path,
         help="certificate for endpoints tls/... and quic/..., PEM",
     )
-    group.add_argument("--tls-key", metavar="FILE", help="its private key, PEM")
+    group.add_argument("--tls-key", metavar="FILE", type=file_path, help="its private key, PEM")
     group.add_argument(
         "--tls-ca",
         metavar="FILE",
+        type=file_path,
         help="authorities that sign the certificates that clients must show, and those of servers "
         "that this one connects to, PEM",
     )
     group.add_argument(
         "--users",
         metavar="FILE",
+        type=file_path,
         help="who may connect: a USER:PASSWORD a line, readable for its owner alone",
     )
     group.add_argument(
@@ -105,6 +109,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--password-file",
         metavar="FILE",
+        type=file_path,
         help="file with that user's password",
     )
     group.add_argument(
