@@ -22,7 +22,7 @@
         ├── ServerBusy                      the server has too much to do: try again later
         ├── AccessDenied                    the server's access rules do not allow this
         ├── NotDurable                      a write was applied, but the server cannot store it
-        └── ReplicaBehind                   a replica lacks what its client must see
+        └── ReadOnlyReplica                 the server is a replica: its primary accepts writes
 
 Each error carries its facts as fields (``FACTS``), also over the network; a field that does not
 apply is ``None``. The classes up to the extrapolation errors are tf2's, except `GapTooLong` and
@@ -220,9 +220,9 @@ class NotDurable(ServiceException):
     code = 19
 
 
-class ReplicaBehind(ServiceException):
-    """A replica has not received a commit that its client must see, such as the client's own write;
-    `limit` is the number of that commit, `value` the number of the last one that it has."""
+class ReadOnlyReplica(ServiceException):
+    """A write was sent to a replica, which accepts none: nothing was written; `value` names the
+    endpoints of its primary."""
 
     code = 20
 

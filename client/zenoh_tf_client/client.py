@@ -12,7 +12,6 @@ from zenoh_tf.gate import Gate
 from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
-from .failover.connection import open_connection
 from .introspection import Introspection
 from .lookups import Lookups
 from .mirror.mirror import Mirror
@@ -94,8 +93,8 @@ class TransformClient(Lookups, Writes, Introspection):
         Args:
             endpoint: Where the server, or a Zenoh router, listens: ``tcp/HOST:PORT``, with TLS
                 ``tls/HOST:PORT``. Several, as a list or with commas between: the client connects to
-                the first that answers, continues at the next one when that is gone, and returns
-                when it is back; see "Several endpoints" in docs/explanation/outages.md.
+                the first at which the tree's server answers, and to the next one when that is gone;
+                see "Several endpoints" in docs/explanation/outages.md.
             tree: The name of the tree.
             timeout_s: How long to try, in seconds; also how long each call waits for its reply.
             credentials: User, password and the files for TLS; see docs/how-to/security.md.
@@ -122,7 +121,7 @@ class TransformClient(Lookups, Writes, Introspection):
         credentials = environment.client_credentials() if credentials is None else credentials
         reads = environment.reads() if reads is None else reads
         check(reads)
-        opened = open_connection(endpoint, tree, timeout_s, credentials)
+        opened = Connection(endpoint, tree, timeout_s, credentials)
         return cls(opened, MappedTree(opened, reads))
 
     def __repr__(self) -> str:
@@ -192,13 +191,12 @@ class TransformClient(Lookups, Writes, Introspection):
         return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     @property
-    def replica_age_s(self) -> float | None:
-        """Returns how old the last answer of the service may be, in seconds.
+    def age_s(self) -> float | None:
+        """Returns how old the last answer by query may be, in seconds; an upper bound.
 
-        It counts if a replica gave it: see docs/how-to/replicas.md. None if the server itself
-        answered.
+        None if the server gave it that commits what is written, and so has the latest state.
         """
-        return self._connection.exchange.replica_age_s
+        return self._connection.exchange.age_s
 
     @property
     def last_receipt(self) -> Receipt | None:

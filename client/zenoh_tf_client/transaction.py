@@ -194,10 +194,8 @@ class Transaction:
 
     def _reads_agree(self) -> bool:
         """Whether what was read needs no comparison with the server's state."""
-        # A single read of the server is one snapshot by itself; several were taken at different
-        # times, and one of a replica may be old.
-        most = 0 if self._connection.exchange.reads_may_be_old else 1
-        return self._reads <= most
+        # A single read is one snapshot by itself; several were taken at different times.
+        return self._reads <= 1
 
     def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
         return self._shared.read_versions(request)

@@ -97,8 +97,8 @@ def _add_network_flags(flags: argparse._ArgumentGroup) -> None:
         "--replica-of",
         action="append",
         metavar="ENDPOINT",
-        help="answer reads from a copy of the tree whose server is here; repeatable for further "
-        "endpoints of it (docs/how-to/replicas.md)",
+        help="be a read-only replica: serve a copy of the tree whose server is here; repeatable "
+        "for further endpoints of it (docs/how-to/replicas.md)",
     )
     flags.add_argument(
         "--workers",
@@ -196,7 +196,7 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
 def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Exit with status 2 and a message if a flag contradicts --replica-of."""
     reasons = {
-        "connect": "a replica is a router of its own: leave --connect out",
+        "connect": "a replica listens for itself: leave --connect out",
         "state_dir": "a replica stores nothing: give --state-dir to the primary",
         "no_admin": "a replica accepts no writes: give --no-admin to the primary",
         "one_authority_per_frame": "a replica accepts no writes: give this flag to the primary",

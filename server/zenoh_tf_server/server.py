@@ -11,7 +11,7 @@ from typing import Any
 
 import zenoh
 
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._net import keys
 
 from . import federation, motion_limits, ros2
@@ -102,13 +102,17 @@ class Server(RunningServer):
         stream.start(self.session, settings.tree)
         self.service.add_counters(stream.counters)
         self.service.last_seq = stream.last_seq
-        interests = Interests(tree, instance, limits)
+        interests = Interests(tree, stream, instance, limits)
         stack.callback(interests.close)
         interests.start(self.session, settings.tree)
         self.service.add_counters(interests.counters)
         self.clients.when_gone(interests.client_gone)
         cache_ns = round(settings.cache_time_s * 1e9)
-        snapshots = Snapshots(tree, stream, interests, instance, cache_ns, limits)
+        tree_settings = wire.TreeSettings(
+            *(cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth),
+            tree._motion_limits(),
+        )
+        snapshots = Snapshots(tree, stream, interests, instance, tree_settings)
         self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
 
 

@@ -2,7 +2,8 @@
 
 KIND says how they read: ``query``, ``shared`` (the server's memory, and queries where that does
 not answer) or ``mirror``; a ``follower`` reads a mirror without asking the server whether it is
-current, a ``replica`` client is connected to a replica, and a ``blind`` client does not read.
+current, a ``replica`` client has two endpoints, of the server and of its replica, and a ``blind``
+client does not read.
 
 Writes a line of JSON to FILE before each transaction and one after it, so that a client that is
 killed leaves its open call in the file.
@@ -17,11 +18,13 @@ import random
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal
 
 from zenoh_tf import LatestTransform, TransformException
 from zenoh_tf.errors import OutcomeUnknown, TransactionConflict
 from zenoh_tf_client import Mirror, Transaction, TransformClient
+from zenoh_tf_client.requests.receipt import Receipt
 
 from . import links
 
@@ -41,25 +44,29 @@ class Client:
 
     def __init__(self, endpoint: str, slot: int, start_s: float, seed: str, path: str) -> None:
         self._endpoint = endpoint
+        self._path = path
         self._slot = slot
         self._start_s = start_s
         self._random = random.Random(seed)
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._last_ms = 0
         self._used: set[int] = set()
+        self._is_over = False  # another client begins
 
     def run(self) -> None:
         """Run transactions until the process is killed."""
         while True:
             try:
                 tf = TransformClient.connect(self._endpoint, timeout_s=TIMEOUT_S, reads=self.reads)
-                break
             except TransformException:  # no server now
                 time.sleep(0.1)
-        self._prepare(tf)
-        while True:
-            if self._step(tf).startswith("failed"):
-                time.sleep(0.02)  # no server, or one that is still empty
+                continue
+            with tf:
+                self._prepare(tf)
+                while not self._is_over:
+                    if self._step(tf).startswith("failed"):
+                        time.sleep(0.02)  # no server, or one that is still empty
+            self._is_over = False
 
     def _prepare(self, tf: TransformClient) -> None:
         """Do what comes before the first transaction."""
@@ -120,7 +127,8 @@ class Client:
             outcome = f"inconsistent: {error}"
         if outcome != "committed" and not self._reads_now:
             reads.clear()
-        self._write(responded=time.monotonic_ns(), outcome=outcome, reads=reads, kind=kind)
+        after_ns, is_copy = time.monotonic_ns(), kind == "replica" and not writes
+        self._write(responded=after_ns, outcome=outcome, reads=reads, kind=kind, is_copy=is_copy)
         return outcome
 
 
@@ -221,15 +229,33 @@ class FollowerClient(MirrorClient):
 
 
 class ReplicaClient(FollowerClient):
-    """Asks a replica. Half of its reads are parts of transactions, which the primary validates."""
+    """Is at the server or at its replica. Half of its reads are parts of transactions.
+
+    What it reads at a replica may be old, as in a mirror. At a replica it cannot write: then it
+    connects again, and what it has seen goes with it, as to its next process.
+    """
+
+    _tf: TransformClient | None = None
 
     def _prepare(self, tf: TransformClient) -> None:
-        """A replica needs none."""
+        self._tf = tf
+        lines = Path(self._path).read_text().splitlines()
+        seen = next(
+            (json.loads(line)["seen"] for line in reversed(lines) if '"seen"' in line), None
+        )
+        if seen is not None:
+            tf._connection.exchange.floor.value = Receipt(*seen)
+
+    def _write(self, **record: Any) -> None:
+        if "outcome" in record:
+            assert self._tf is not None
+            record["seen"] = self._tf._connection.exchange.floor.value
+        super()._write(**record)
 
     def _step(self, tf: TransformClient) -> str:
-        if self._random.random() < 0.5:
-            return self._transaction(tf)
-        return super()._step(tf)
+        outcome = self._transaction(tf) if self._random.random() < 0.5 else super()._step(tf)
+        self._is_over = outcome == "failed: ReadOnlyReplica"
+        return outcome
 
     def _attempt(self, tf: TransformClient, body: Callable[[Transaction], None]) -> str:
         with tf.transaction() as transaction:
@@ -247,7 +273,7 @@ class ReplicaClient(FollowerClient):
 
 def _asked(tf: TransformClient) -> str:
     """Who gave the last answer."""
-    return "query" if tf.replica_age_s is None else "replica"
+    return "query" if tf.age_s is None else "replica"
 
 
 class BlindClient(Client):

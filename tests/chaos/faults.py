@@ -71,8 +71,9 @@ FAULTS = [
     ),
     Fault(
         "a replica shows less than its client has written",
-        "if (state.tree is tree and state.has(instance, seq)) or instance in self._past:",
-        "if seq:",
+        "if not instance or state.has(instance, seq):",
+        "if seq >= 0:",
+        ("_delay_replica",),
     ),
 ]
 

@@ -44,8 +44,13 @@ READ_KINDS = ("query", "shared", "mirror", "follower", "replica")
 class Slot:
     """A client process with a connection of its own through a proxy, replaced if it is killed."""
 
-    def __init__(self, number: int, kind: str, proxy: TcpProxy, path: Path) -> None:
+    def __init__(
+        self, number: int, kind: str, proxy: TcpProxy, path: Path, others: Sequence[str] = ()
+    ) -> None:
+        """`others`: endpoints beside the proxy's."""
         self.proxy = proxy
+        self.has_others = bool(others)
+        self._endpoints = ",".join([proxy.endpoint, *others])
         self.path = path
         self._number = number
         self._kind = kind
@@ -67,7 +72,7 @@ class Slot:
         self._lives += 1
         arguments = [self._number, start_s, f"{seed} {self._number} {self._lives}", self.path]
         module = "repeater" if self._kind == "repeater" else "client"
-        command = [sys.executable, "-m", f"tests.chaos.{module}", self.proxy.endpoint]
+        command = [sys.executable, "-m", f"tests.chaos.{module}", self._endpoints]
         command += map(str, arguments)
         command += [direct if self._kind == "repeater" else self._kind]
         self.process = subprocess.Popen(command, cwd=ROOT)
@@ -103,6 +108,7 @@ class Chaos:
         self._server: Process | None = None
         self._replica: Process | None = None
         self._replica_endpoint = free_endpoint()
+        self._upstream: TcpProxy | None = None  # between the replica and the server
         self._starts: list[Start] = []
         self._slots: list[Slot] = []
         self._start_s = time.monotonic()
@@ -121,6 +127,7 @@ class Chaos:
             (self._second_server, 1),
             (self._kill_replica, 1),
             (self._stop_replica, 1),
+            (self._delay_replica, 1),
             (self._wrong_clock, 1),
             (self._greedy_client, 1),
         )
@@ -133,12 +140,13 @@ class Chaos:
         with contextlib.ExitStack() as stack:
             stack.callback(self._end)
             self._start_server()
+            self._upstream = stack.enter_context(TcpProxy(self._endpoint))
             self._start_replica()
             for number, kind in enumerate(kinds):
-                near = self._replica_endpoint if kind == "replica" else self._endpoint
-                proxy = stack.enter_context(TcpProxy(near))
+                proxy = stack.enter_context(TcpProxy(self._endpoint))
                 path = self._folder / f"client-{number}.jsonl"
-                self._slots.append(Slot(number, kind, proxy, path))
+                others = [self._replica_endpoint] if kind == "replica" else []
+                self._slots.append(Slot(number, kind, proxy, path, others))
             for slot in self._slots:
                 slot.start(self._start_s, self._seed, self._endpoint)
             self._play(transactions, pause_s)
@@ -185,7 +193,8 @@ class Chaos:
     def _start_replica(self) -> None:
         with self.log.open("a") as log:
             command = [*self._command, "--listen", self._replica_endpoint]
-            command += ["--replica-of", self._endpoint, "--log-level", "warning"]
+            assert self._upstream is not None
+            command += ["--replica-of", self._upstream.endpoint, "--log-level", "warning"]
             self._replica = Process(command, log)
 
     def _lasting_s(self) -> float:
@@ -223,6 +232,17 @@ class Chaos:
         self._replica.signal(signal.SIGSTOP)
         time.sleep(self._lasting_s())
         self._replica.signal(signal.SIGCONT)
+
+    def _delay_replica(self) -> None:
+        """Nothing reaches it, and clients come that have been at the server until now."""
+        assert self._upstream is not None
+        self._upstream.hold()
+        time.sleep(self._lasting_s() / 4)
+        for slot in self._slots:
+            if slot.has_others:
+                slot.proxy.reset()
+        time.sleep(self._lasting_s())
+        self._upstream.release()
 
     # --- the network
 

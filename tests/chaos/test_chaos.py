@@ -29,7 +29,7 @@ FAULTY_RUNS, FAULTY = 12, 3000
 CLIENTS = 8
 SOUND_SERVER = [sys.executable, "-m", "zenoh_tf_server"]
 #: The kinds of faults that a run must have seen, of all that run.py has.
-KINDS = 14
+KINDS = 15
 
 pytestmark = pytest.mark.timeout(600 + LONG // 10)
 

@@ -141,7 +141,7 @@ def test_a_correction_survives_a_restart(start: Callable[..., ServerProcess]) ->
         wait_until(lambda: len(tf.frames()) == 6)
 
 
-class Servers(set[str | None]):
+class Servers(set[str]):
     """The servers that an announcer sees, and whether one has gone, if only for a moment."""
 
     has_lost_one = False

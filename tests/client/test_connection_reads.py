@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -23,13 +24,13 @@ from tests.support.exchanges import (
 )
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._core import pack_single_lookup
-from zenoh_tf._net.queries import Queries
 from zenoh_tf.errors import LookupException
 from zenoh_tf_client.requests import info, lookups
 from zenoh_tf_client.requests.request import Request
 from zenoh_tf_client.session import connection
 from zenoh_tf_client.session.connection import Connection
 from zenoh_tf_client.session.exchange import Exchange
+from zenoh_tf_client.session.links.link import Link
 
 LOOKUP = lookups.lookup_transform("map", "base")
 WAITING = lookups.lookup_transform("map", "base", None, 2.0)
@@ -53,7 +54,7 @@ class Straight(Script):
     def read(self, exchange: Exchange, request: Request[Any]) -> Any:
         asking = Connection.__new__(Connection)
         asking.exchange, asking.timeout_s = exchange, TIMEOUT_S
-        asking.queries = cast(Queries, self)
+        asking.link = cast(Link, SimpleNamespace(queries=self))
         result = asking.call(request)
         assert not self._replies, "it asked too little"
         return result
@@ -95,10 +96,8 @@ def without_server(clock: Clock) -> Exchange:
     return exchange
 
 
-def with_old_reads(clock: Clock) -> Exchange:
-    exchange = new(clock)
-    exchange.reads_may_be_old = True
-    return exchange
+def with_several_endpoints(clock: Clock) -> Exchange:
+    return new(clock, moves=True)
 
 
 def with_rules(clock: Clock) -> Exchange:
@@ -129,7 +128,7 @@ def with_a_short_limit(clock: Clock) -> Exchange:
         (with_hello_due, [answer(), "hello"]),
         (with_hello_due, [failed(LookupException("no frame")), "hello"]),
         (without_server, ["hello", answer()]),
-        (with_old_reads, [answer() | {"seq": 3}]),
+        (with_several_endpoints, [answer() | {"seq": 3}]),
         (with_rules, []),
         (with_a_short_limit, []),
     ],
@@ -148,7 +147,7 @@ def test_a_read_has_the_outcome_of_the_steps(
         server = exchange.server and exchange.server.instance
         for _, body in script.asked:
             body.pop("clock_ns", None)
-        found.append((*results, server, exchange.seen.least, clock.now_s))
+        found.append((*results, server, exchange.floor.value, clock.now_s))
     steps, straight = found
     assert straight == steps
 

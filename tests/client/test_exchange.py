@@ -179,7 +179,7 @@ def test_the_expiry_of_a_write_is_exact(clock: Clock) -> None:
         assert body["expires_ns"] == now_ns + SERVER_AHEAD_NS + int(TIMEOUT_S * 1e9)
         ids.append(body["id"])
     assert [int.from_bytes(each[8:], "big") for each in ids] == [0, 1]
-    assert exchange.seen.last_receipt is not None and exchange.seen.last_receipt.seq == 3
+    assert exchange.last_receipt is not None and exchange.last_receipt.seq == 3
     assert {len(each) for each in ids} == {16} and len({each[:8] for each in ids}) == 1
 
 

@@ -114,8 +114,10 @@ def _service() -> tuple[Service, _InternalErrors]:
     )
     instance = "0123456789abcdef"
     service = Service(tree, "main", instance, LIMITS, loop)
-    stream, interests = Stream(tree, instance, LIMITS), Interests(tree, instance, LIMITS)
-    snapshots = Snapshots(tree, stream, interests, instance, 10**10, LIMITS)
+    stream = Stream(tree, instance, LIMITS)
+    interests = Interests(tree, stream, instance, LIMITS)
+    settings = wire.TreeSettings(10**10, LIMITS.frames, LIMITS.samples_per_frame, 255, LIMITS.depth)
+    snapshots = Snapshots(tree, stream, interests, instance, settings)
     service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
     atexit.register(service.close)
     return service, errors

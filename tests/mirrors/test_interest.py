@@ -24,6 +24,7 @@ from zenoh_tf.errors import (
 from zenoh_tf_client import OutsideInterest, TransformClient
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.streams.interests import Interests
+from zenoh_tf_server.streams.stream import Stream
 
 
 def test_the_frames_on_the_ways_and_no_others(client: TransformClient) -> None:
@@ -246,7 +247,8 @@ def test_a_greedy_client_does_not_end_the_small_interest_of_another() -> None:
     tree = TransformTree(max_log_bytes=1 << 20)
     tree.set_transforms_xact([stamped(f"x{i}", 1) for i in range(87)])
     tree.set_transform(stamped("base", 1, 0, "odom"))
-    interests = Interests(tree, "instance", Limits(interest_frames=100))
+    limits = Limits(interest_frames=100)
+    interests = Interests(tree, Stream(tree, "instance", limits), "instance", limits)
     settings = wire.TreeSettings(10**10, 1000, 1000, 255, 64)
     small, everything = wire.Interest.of([("base", "odom")]), wire.Interest((), 1)
     interests.snapshot(small, "small", settings)

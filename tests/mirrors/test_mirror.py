@@ -106,7 +106,7 @@ def test_a_state_that_is_too_old_is_not_read(
     client.set_transform(stamped("base", 1))
     with (
         TcpProxy(server.endpoint) as proxy,
-        TransformClient.connect(proxy.endpoint, timeout_s=1, reads="query") as other,
+        TransformClient.connect(proxy.endpoint, timeout_s=0.5, reads="query") as other,
         other.mirror() as m,
     ):
         proxy.hold()

@@ -159,7 +159,7 @@ def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
 def test_a_copy_whose_socket_was_removed_is_not_shared(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    copies = SharedCopies(SharingSettings(folder=tmp_path), "main", "own")
+    copies = SharedCopies(SharingSettings(folder=tmp_path), "main")
     for is_removed in (True, False):
         tree = copies.make_tree(SETTINGS, "i")
         if is_removed:

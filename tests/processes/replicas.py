@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf_client import TransformClient
 
@@ -22,5 +23,13 @@ def seen(tf: TransformClient) -> int:
     return stamps.pop()
 
 
-def reads_near(tf: TransformClient) -> bool:
-    return tf._connection.exchange.replica is not None
+def wait_for_writes(writer: TransformClient, reader: TransformClient) -> None:
+    """Wait until a replica has what another client has written to its primary."""
+    receipt = writer.last_receipt
+    assert receipt is not None
+
+    def is_there() -> bool:
+        has = reader.stats().get("replica_seq", 0)
+        return reader.instance == receipt.instance and has >= receipt.seq
+
+    wait_until(is_there, "the replica does not receive what was written")

@@ -8,14 +8,14 @@ import msgpack
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes.replicas import FRAMES, reads_near, seen, step
+from tests.processes.replicas import FRAMES, seen, step, wait_for_writes
 from tests.processes.servers import ServerProcess
 from tests.support.raw import raw
 from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind
+from zenoh_tf.errors import ReadOnlyReplica, ServerBusy, TransformException
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.requests import columns
 
@@ -23,71 +23,67 @@ from zenoh_tf_client.requests import columns
 
 
 def test_what_replies_say(primary: ServerProcess, replica: ServerProcess) -> None:
-    with primary.connect(10) as tf, raw(replica.endpoint) as wires:
+    with primary.connect(10) as tf, raw(replica.endpoint) as wires, raw(primary.endpoint) as far:
         tf.set_transforms_xact(step(1))
         receipt = tf.last_receipt
         assert receipt is not None
         body = wire.one_read("map", FRAMES[0], wire.OP_COMMON, wire.NO_STAMP)
-
-        def ask(name: str, message: wire.Message) -> wire.Message:
-            router = str(next(iter(wires.session.info.routers_zid())))
-            key = keys.replica_request("main", router, name)
-            reply = next(iter(wires.session.get(key, payload=wire.pack(message), timeout=5)))
-            answer = reply.ok or reply.err
-            assert answer is not None
-            return wire.unpack(answer.payload.to_bytes())
-
-        wait_until(
-            lambda: "error" not in ask("lookup", body | wire.least(tf.instance, receipt.seq)), ""
-        )
-        for name, message in (("lookup", body), ("info", {"v": 1, "what": "frames"})):
-            reply = ask(name, message)
-            state = wire.parse_replica(reply)
-            assert state is not None
-            assert state[0] == receipt.seq
-            assert 0 <= state[1] < 20 * 10**9
+        floor = wire.floor_field(*receipt)
+        wait_until(lambda: "error" not in wires.query("lookup", body | floor), "it is behind")
+        infos = {"v": 1, "what": "frames"}
+        for name, message in (("lookup", body), ("info", infos), ("snapshot", {"v": 1})):
+            reply, first = wires.query(name, message), far.query(name, message)
             assert reply["instance"] == tf.instance
-        hello = ask("hello", {"v": 1, "what": "hello"})["value"]
-        assert hello["instance"] == tf.instance
-        assert hello["replica"] != tf.instance
-        for least in (wire.least(tf.instance, receipt.seq + 1), wire.least("of another server", 0)):
-            error = wire.decode_error(ask("lookup", body | least)["error"])
-            assert isinstance(error, ReplicaBehind)
-        for malformed in ({"least_seq": 1}, {"least_seq": -1, "least_instance": "x"}):
-            error = wire.decode_error(ask("lookup", body | malformed)["error"])
-            assert error.field in (wire.LEAST_INSTANCE, wire.LEAST_SEQ)
-        commit = {"v": 1, "operations": [["commit", wire.commit_body(_commit())]]}
-        error = wire.decode_error(ask("batch", commit)["replies"][0]["error"])
-        assert isinstance(error, InvalidArgumentException)
-        assert "accepts no writes" in str(error)
+            age_s = wire.parse_age_s(reply)
+            assert age_s is not None and 0 <= age_s < 20
+            assert reply.keys() - {wire.AGE_NS} == first.keys()
+            for one in (wires, far):
+                assert one.query(name, message | floor)["seq"] == receipt.seq
+                assert one.query(name, message | wire.floor_field("", 0))["seq"] == receipt.seq
+        hello = wires.query("hello", {"v": 1, "what": "hello"})["value"]
+        assert (hello["instance"], hello["primary"]) == (tf.instance, primary.endpoint)
+        missing = wire.floor_field(tf.instance, receipt.seq + 1)
+        assert isinstance(_error(wires.query("lookup", body | missing)), ServerBusy)
+        assert "error" not in far.query("lookup", body | missing)  # nobody has more than it has
+        for request_type, message in WRITES:
+            error = _error(wires.query(request_type, message))
+            assert isinstance(error, ReadOnlyReplica)
+            assert error.value == primary.endpoint
         assert tf.last_receipt == receipt
 
 
-def test_garbage_harms_nobody(replica: ServerProcess) -> None:
+WRITES: list[tuple[str, wire.Message]] = [
+    ("commit", wire.commit_body(columns.commit(step(9)))),
+    ("batch", {"v": 1, "operations": [["commit", wire.commit_body(columns.commit(step(9)))]]}),
+    ("admin", wire.call_body("clear")),
+]
+
+
+def _error(reply: wire.Message) -> TransformException:
+    return wire.decode_error(reply["error"])
+
+
+def test_garbage_harms_nobody(primary: ServerProcess, replica: ServerProcess) -> None:
     """Each request gets an error, and the replica continues to serve."""
     body = wire.one_read("map", FRAMES[0], wire.OP_COMMON, wire.NO_STAMP)
-    request = wire.pack(body | wire.least("x", 1))
+    request = wire.pack(body | wire.floor_field("x", 1))
     payloads = [b"", b"\xc1", b"\x80", request[:-1], request + b"\0", b"\xdf" + b"\xff" * 9]
     values: tuple[object, ...] = (None, -1, 1.5, "x", [], b"")
-    for name in ("least_seq", "least_instance"):
-        payloads += [wire.pack(body | {name: value}) for value in values]
+    payloads += [wire.pack(body | {wire.FLOOR: value}) for value in values]
+    for name in ("instance", "seq"):
+        floors = ({"instance": "x", "seq": 1} | {name: value} for value in values)
+        payloads += [wire.pack(body | {wire.FLOOR: floor}) for floor in floors]
     payloads += [request[:i] + bytes((255 - request[i],)) + request[i + 1 :] for i in range(90)]
     with raw(replica.endpoint) as wires, replica.connect(10) as tf:
-        router = str(next(iter(wires.session.info.routers_zid())))
-        for name in keys.REPLICA_REQUEST_TYPES:
+        for name in keys.REQUEST_TYPES:
             for payload in payloads:
-                key = keys.replica_request("main", router, name)
-                (reply,) = wires.session.get(key, payload=payload, timeout=5)
+                (reply,) = wires.session.get(keys.request("main", name), payload=payload, timeout=5)
                 assert (reply.ok or reply.err) is not None
-        for name in ("commit", "admin", "snapshot", "set", "lookup/more"):
-            key = keys.replica_request("main", router, name)
-            assert list(wires.session.get(key, payload=request, timeout=5)) == []
-        tf.set_transforms_xact(step(1))
+        with primary.connect(10) as writer:
+            writer.set_transforms_xact(step(1))
+            wait_for_writes(writer, tf)
         assert seen(tf) == 1
-
-
-def _commit() -> wire.Commit:
-    return columns.commit(step(9))
+    assert "internal error" not in replica.log
 
 
 @pytest.mark.parametrize(
@@ -95,11 +91,10 @@ def _commit() -> wire.Commit:
 )
 def test_a_field_is_added_to_packed_bytes(count: int, first: int) -> None:
     message = {"v": 1} | {f"field{i}": i for i in range(count - 1)}
-    found = wire.with_field(wire.pack(message), "replica", {"seq": 5, "age_ns": 1 << 40})
+    found = wire.with_field(wire.pack(message), wire.AGE_NS, 1 << 40)
     assert found[0] == first
-    state = wire.parse_replica(wire.unpack(found) if count < 200 else _unpacked(found))
-    assert state == (5, 1 << 40, 5)
-    assert found == wire.pack(message | {"replica": {"seq": 5, "age_ns": 1 << 40}})
+    assert _unpacked(found)[wire.AGE_NS] == 1 << 40
+    assert found == wire.pack(message | {wire.AGE_NS: 1 << 40})
 
 
 def _unpacked(data: bytes) -> wire.Message:
@@ -108,7 +103,7 @@ def _unpacked(data: bytes) -> wire.Message:
 
 
 def test_a_primary_that_asks_who_connects(start_server: StartServer, tmp_path: Path) -> None:
-    """The replica's user and password are those of a client."""
+    """The replica's user and password are those of a client; its own clients need none."""
     users = tmp_path / "users"
     users.write_text("site:secret\n")
     password = tmp_path / "password"
@@ -117,11 +112,13 @@ def test_a_primary_that_asks_who_connects(start_server: StartServer, tmp_path: P
         path.chmod(0o600)
     primary = start_server("--users", str(users))
     replica = start_server(
-        *("--replica-of", primary.endpoint, "--user", "site", "--password-file", str(password)),
-        *("--users", str(users)),
+        *("--replica-of", primary.endpoint, "--user", "site", "--password-file", str(password))
     )
     own = Credentials(user="site", password="secret")
-    with TransformClient.connect(replica.endpoint, timeout_s=10, credentials=own) as tf:
-        tf.set_transforms_xact(step(1))
+    with (
+        TransformClient.connect(primary.endpoint, timeout_s=10, credentials=own) as writer,
+        replica.connect(10) as tf,
+    ):
+        writer.set_transforms_xact(step(1))
+        wait_for_writes(writer, tf)
         assert seen(tf) == 1
-        assert reads_near(tf)

@@ -170,13 +170,11 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         lambda: wire.pack(wire.lookup_body(EVERY_OPTION)),
         read(wire.parse_lookup),
     ),
-    "lookup of a replica": (
-        lambda: wire.pack(wire.one_read("map", "base", 1, wire.NO_STAMP) | wire.least(INSTANCE, 9)),
-        wire.unpack,
-    ),
-    "lookup with a number": (
-        lambda: wire.pack(wire.one_read("map", "base", 2, wire.NO_STAMP) | {wire.WITH_SEQ: True}),
-        wire.unpack,
+    "lookup that must see a commit": (
+        lambda: wire.pack(
+            wire.one_read("map", "base", 1, wire.NO_STAMP) | wire.floor_field(INSTANCE, 9)
+        ),
+        read(wire.take_floor),
     ),
     "commit": (lambda: wire.pack(wire.commit_body(wire.Commit(ROWS))), read_write),
     "commit with all options": (lambda: wire.pack(commit()), read_write),
@@ -250,8 +248,8 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         read(wire.parse_one_answer),
     ),
     "reply of a replica": (
-        lambda: reply({"value": None, wire.REPLICA: {"seq": 8, "reach": 9, "age_ns": 1000}}),
-        read(wire.parse_replica),
+        lambda: reply({"value": None, "seq": 9, wire.AGE_NS: 1000}),
+        read(wire.parse_age_s),
     ),
     "reply to a commit": (
         lambda: reply(wire.commit_reply(b"\1\0") | {"seq": 9}),

@@ -213,7 +213,9 @@ def test_a_server_that_exists_but_does_not_answer_is_waited_for(start_server: St
     slow.freeze()
     with pytest.raises(ServerUnavailable, match=r"did not answer within 2 s"):
         slow.connect(timeout_s=2.0)
-    with ThreadPoolExecutor() as pool:
+    slow.send_signal(signal.SIGCONT)
+    with slow.connect(20.0), ThreadPoolExecutor() as pool:
+        slow.freeze()  # its token goes when its lease is over
         connecting = pool.submit(slow.connect, 20.0)
         time.sleep(1.5)
         assert not connecting.done()

@@ -26,7 +26,7 @@ async def fill(tf: AsyncTransformClient) -> None:
 def sent_by(tf: AsyncTransformClient) -> list[str]:
     """The types of the requests that the client sends from now on."""
     request_types: list[str] = []
-    queries = tf._connection._transport.queries
+    queries = tf._connection.opened.queries
     send = queries.send
 
     def noted(key: Any, *arguments: Any) -> None:

@@ -128,9 +128,10 @@ def no_reply(at_once: bool = False) -> Any:
 WRITE = writes.clear()
 
 
-def new(clock: Clock, **limits: Any) -> Exchange:
-    """An exchange that has just greeted its server. The clock of the server is far ahead."""
-    exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
+def new(clock: Clock, *, moves: bool = False, **limits: Any) -> Exchange:
+    """An exchange that has just greeted its server. The clock of the server is far ahead.
+    `moves`: it has several endpoints."""
+    exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S, moves=moves)
     Script(hello_at(clock, **limits), clock=clock).run(exchange.hello())
     exchange.next_hello_s = 1e9
     return exchange

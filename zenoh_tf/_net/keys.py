@@ -8,8 +8,6 @@
     tf/v1/{tree}/hello             query   the server's id, limits and clock; the client's rights
     tf/v1/{tree}/snapshot          query   all frames and histories, in pieces
     tf/v1/{tree}/missed            query   messages of the stream that were missed
-    tf/v1/{tree}/at/{router}/lookup   query   the same of a replica, for clients of its router;
-    tf/v1/{tree}/at/{router}/...              also batch, info and hello
     tf/v1/{tree}/commit/{authority}   query   the same as above; writes of a server that has
     tf/v1/{tree}/batch/{authority}    query   access rules, which work on keys
     tf/v1/{tree}/admin/{what}         query
@@ -44,9 +42,6 @@ REQUEST_TYPES: Final = (
     "snapshot",
     "missed",
 )
-
-#: Those that a replica answers, which change nothing.
-REPLICA_REQUEST_TYPES: Final = ("lookup", "batch", "info", "hello")
 
 #: Follows the client's id in a query's attachment: the client joins a reply that comes in parts.
 TAKES_PARTS: Final = "parts"
@@ -124,11 +119,6 @@ def request(tree: str, request_type: str) -> str:
             field="request_type",
         )
     return f"{prefix(tree)}/{request_type}"
-
-
-def replica_request(tree: str, router: str, request_type: str) -> str:
-    """The key of a request to the replica for the clients of one router, by its Zenoh id."""
-    return f"{prefix(tree)}/at/{router}/{request_type}"
 
 
 def write_request(tree: str, request_type: str, subject: str) -> str:

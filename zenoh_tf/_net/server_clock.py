@@ -68,6 +68,16 @@ class ServerClock:
             return float("inf")
         return max(0, _now_there_ns(best) - clock_ns) / 1e9
 
+    def there_ns(self, instance: str) -> int | None:
+        """The time by a server's clock now, at most; None if it is not known."""
+        best = self._best.get(instance)
+        return None if best is None else _now_there_ns(best)
+
+    def real_ahead_ns(self, instance: str) -> int | None:
+        """By how much a server's real-time clock is ahead of its other; None if it is not known."""
+        known, ahead_ns = self._real
+        return ahead_ns if known == instance else None
+
     def real_ns(self) -> int:
         """The time by the server's real-time clock, at most a round trip too late; by this
         machine's, if the server has not sent its own."""

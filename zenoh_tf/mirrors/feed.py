@@ -164,9 +164,12 @@ class MirrorFeed:
         raise TimeoutException(f"the snapshot was not complete within {timeout_s:g} s")
 
     def connection_changed(self) -> None:
-        """Accept that messages may come once more: another connection may lag behind the last."""
+        """Listen in the connection's new session, where messages may come once more."""
+        if self.closed:
+            return
         with self._changed:
             self.mirroring.connection_changed()
+        self._subscribe_again()
 
     def close(self) -> None:
         """Listen no more. May be called again."""
@@ -230,6 +233,7 @@ class MirrorFeed:
             if silent >= _MAX_SILENT_PERIODS:
                 self.silent_at = heard
                 if (yield from self._compare_clocks()):
+                    log.info("the stream of tree %r is silent: subscribing again", self.source.tree)
                     self._subscribe_again()
                     silent = 0
             elif period < COMPARISONS or period % _CLOCK_PERIODS == 0:
@@ -242,7 +246,6 @@ class MirrorFeed:
                 self._proceed()
 
     def _subscribe_again(self) -> None:
-        log.info("the commit stream of tree %r is silent: subscribing again", self.source.tree)
         old = self.subscriber
         with contextlib.suppress(ServerUnavailable, zenoh.ZError):
             self.subscriber = self.source.subscribe(RingChannel(_RING_MESSAGES))

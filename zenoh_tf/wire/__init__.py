@@ -2,8 +2,8 @@
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `estimates` has
 poses with errors, `commit` writes, `calls` batches, info and admin requests, `stream` what
-mirrors follow, and `interest` which part of it. docs/reference/protocol.md describes it for other
-languages.
+mirrors follow, `interest` which part of it, and `floor` which state a reply must be of at least.
+docs/reference/protocol.md describes it for other languages.
 """
 
 from .._core import Changes, Frames
@@ -66,6 +66,7 @@ from .fields import (
     texts,
     unpack,
 )
+from .floor import AGE_NS, FLOOR, floor_field, parse_age_s, take_floor, with_field
 from .interest import Interest, parse_interest
 from .lookup import (
     NO_GAP_LIMIT,
@@ -91,16 +92,6 @@ from .lookup import (
     parse_one_answer,
     parse_one_read,
     parse_read_set,
-)
-from .replica import (
-    LEAST_INSTANCE,
-    LEAST_SEQ,
-    REPLICA,
-    WITH_SEQ,
-    is_behind,
-    least,
-    parse_replica,
-    with_field,
 )
 from .stream import (
     NO_BOUNDS,

@@ -134,9 +134,9 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         return self._blocking.reads
 
     @property
-    def replica_age_s(self) -> float | None:
-        """Returns the age of the last answer in seconds, as `TransformClient.replica_age_s`."""
-        return self._blocking.replica_age_s
+    def age_s(self) -> float | None:
+        """Returns the age of the last answer in seconds, as `TransformClient.age_s`."""
+        return self._blocking.age_s
 
     @property
     def last_receipt(self) -> Receipt | None:

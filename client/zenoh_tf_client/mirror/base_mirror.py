@@ -19,8 +19,6 @@ from .reads import PLAIN, WAITING, MirrorReads
 from .source import MirrorSource
 from .transaction_reads import OwnWrites
 
-#: A stream with heartbeats every 0.1 s that is silent for so long may have lost its link.
-_SILENCE_S: Final = 0.4
 #: A mirror that has not heard of its server for longer is disconnected; with a rate, its period is
 #: added.
 _SILENT_S: Final = 2.0
@@ -51,8 +49,10 @@ class BaseMirror(MirrorReads):
             if mirror is not None:
                 mirror._install(tree)
 
-        self._feed = feed = MirrorFeed(MirrorSource(connection, interest), on_copy, interest)
-        connection.watch_connection(feed, _SILENCE_S)
+        source = MirrorSource(connection, interest)
+        self._feed = feed = MirrorFeed(source, on_copy, interest)
+        source.feed = feed
+        connection.add_user(feed)
         self._own_writes = OwnWrites(feed)
         # One that nobody holds any more is closed. At exit, its connection is.
         weakref.finalize(self, feed.close).atexit = False

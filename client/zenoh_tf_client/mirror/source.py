@@ -13,7 +13,9 @@ from zenoh.handlers import RingChannel
 
 from zenoh_tf import wire
 from zenoh_tf._net import keys
-from zenoh_tf.mirrors.source import ServerStatus
+from zenoh_tf.errors import ServerBusy
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.mirrors.source import ServerStatus, State
 
 from ..publish.publisher import undeclare_unless_closed
 from ..requests.request import Call
@@ -29,7 +31,8 @@ class MirrorSource:
         self._key = keys.streams(connection.tree, interest.id if interest else "")
         #: Kept here for `SessionCalls.never_free`.
         self._subscribers: list[zenoh.Subscriber[Any]] = []
-        connection.calls.add_owner(self)
+        #: The feed itself, once it has begun.
+        self.feed: MirrorFeed | None = None
 
     @property
     def tree(self) -> str:
@@ -44,6 +47,7 @@ class MirrorSource:
     def subscribe(self, channel: RingChannel[zenoh.Sample]) -> zenoh.Subscriber[Any]:
         """Listen to the stream; see `Source`."""
         connection = self._connection
+        connection.calls.add_owner(self)
         with connection.calls:
             subscriber = connection.session.declare_subscriber(self._key, channel)
         self._subscribers.append(subscriber)
@@ -60,9 +64,19 @@ class MirrorSource:
 
     def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
         """Send a request; see `Source`."""
+        if self._connection.exchange.moves:  # the next server may be behind the last one
+            body = body | wire.floor_field(*self._seen())
         return self._connection.call(Call(request_type, body, lambda reply: reply, wait_s))
 
     def status(self) -> ServerStatus:
         """Ask the server for its instance id, its clock and its last commit."""
         server = self._connection.hello()
+        instance, seq = self._seen()
+        if server.primary is not None and server.instance == instance and (server.seq or 0) < seq:
+            raise ServerBusy(f"the server has commit {server.seq}, and the mirror {seq}: it waits")
         return ServerStatus(server.instance, server.clock_ns, server.seq, server.real_ns)
+
+    def _seen(self) -> tuple[str, int]:
+        """The last commit that the mirror has, and its server instance; "" before the first."""
+        state = State() if self.feed is None else self.feed.state
+        return state.instance, state.seq

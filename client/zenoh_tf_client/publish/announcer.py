@@ -66,23 +66,34 @@ class Announcer:
         self._may_be_lost: set[str] = set()  # child frames that a server may not have received
         self._receiver: str | None = None  # what is informed now; None once it was reported gone
         self._informed = connection.known_instance  # has all that is not in _unsent
-        self._present = {self._informed} - {None}  # the servers that are there
+        self._present = {each for each in (self._informed,) if each}  # the servers that are there
         self._may_be_new = False  # one of them
         self._closed = threading.Event()
         self._next_try_s = 0.0
         self._retry_s = _PERIOD_S
-        connection.calls.add_owner(self)
-        with connection.calls:
-            # Not a callback: Zenoh would run it on a thread of its own, also while Python ends.
-            self._servers: zenoh.Subscriber[Any] = (
-                connection.session.liveliness().declare_subscriber(
-                    keys.servers(connection.tree), RingChannel(_QUEUED_REPORTS), history=True
-                )
-            )
+        connection.add_user(self)
+        self._servers = self._subscribe()
         threads.start("announce statics", _follow, weakref.ref(self), self._closed)
 
     def __len__(self) -> int:
         return len(self._statics)
+
+    def connection_changed(self) -> None:
+        """Follow the servers in the connection's new session: those of the last one are gone."""
+        with self._lock, contextlib.suppress(ServerUnavailable):  # closed meanwhile
+            self._read_reports()
+            for instance in list(self._present):
+                self._has_gone(instance)
+            self._servers = self._subscribe()
+
+    def _subscribe(self) -> zenoh.Subscriber[Any]:
+        connection = self._connection
+        connection.calls.add_owner(self)
+        with connection.calls:
+            # Not a callback: Zenoh would run it on a thread of its own, also while Python ends.
+            return connection.session.liveliness().declare_subscriber(
+                keys.servers(connection.tree), RingChannel(_QUEUED_REPORTS), history=True
+            )
 
     def send(self, rows: Sequence[StampedTransform]) -> None:
         """Publish static transforms, and keep them.
@@ -153,12 +164,16 @@ class Announcer:
                         self._present.add(instance)
                         self._may_be_new |= instance != self._informed
                     else:
-                        self._present.discard(instance)
-                        if instance == self._receiver:
-                            self._receiver = None
-                        since_s = time.monotonic() - _MAY_BE_LOST_S
-                        recent = {name for name, at_s in self._sent_s.items() if at_s > since_s}
-                        self._may_be_lost |= recent - self._unsent
+                        self._has_gone(instance)
+
+    def _has_gone(self, instance: str) -> None:
+        """Record that a server is not there any more. Requires the lock."""
+        self._present.discard(instance)
+        if instance == self._receiver:
+            self._receiver = None
+        since_s = time.monotonic() - _MAY_BE_LOST_S
+        recent = {name for name, at_s in self._sent_s.items() if at_s > since_s}
+        self._may_be_lost |= recent - self._unsent
 
     def _inform(self) -> bool:
         """Send what the server lacks. False: it does not receive puts yet."""
@@ -175,6 +190,7 @@ class Announcer:
 
     def _send_to_server(self) -> bool:
         server = self._connection.hello()
+        self._connection.check_writable()
         with self._lock:
             self._read_reports()
             self._receiver = server.instance

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Iterable
-from typing import Final
 
 import zenoh
 
@@ -19,9 +18,6 @@ from zenoh_tf.errors import LimitExceeded, ServerUnavailable
 from ..session.calls import SessionCalls
 from ..session.connection import Connection
 
-#: How often a connection that can fail over may check that what is published still gets anywhere.
-_SILENCE_S: Final = 1.0
-
 
 class Publisher:
     """Publishes on one key. Zenoh's own publisher raises RuntimeError ("Already borrowed") if it
@@ -29,17 +25,14 @@ class Publisher:
 
     def __init__(self, connection: Connection, key: str) -> None:
         """Raises ServerUnavailable if the connection is closed."""
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # of the next two
+        self._connection = connection
+        self._key = key
+        connection.add_user(self)  # before it is declared, or it might miss a change
         self._calls = connection.calls
-        self._calls.add_owner(self)
-        self.heard = 0  # nothing answers puts
-        connection.watch_connection(self, _SILENCE_S)
-        with self._calls:
-            self._publisher: zenoh.Publisher | None = connection.session.declare_publisher(
-                key,
-                # A sensor that outruns the network waits; losing transforms unseen is worse.
-                congestion_control=zenoh.CongestionControl.BLOCK,
-            )
+        self._publisher: zenoh.Publisher | None = None
+        with self._lock:
+            self._declare()
 
     @property
     def closed(self) -> bool:
@@ -47,11 +40,31 @@ class Publisher:
         return self._publisher is None
 
     def connection_changed(self) -> None:
-        """Zenoh publishes through the new connection by itself."""
+        """Publish in the connection's new session."""
+        with self._lock, contextlib.suppress(ServerUnavailable):  # closed meanwhile
+            if self._publisher is not None:
+                self._declare()
+
+    def _declare(self) -> None:
+        """Declare the publisher in the connection's session. Requires the lock."""
+        link = self._connection.link
+        link.calls.add_owner(self)
+        with link.calls:
+            self._publisher = link.session.declare_publisher(
+                self._key,
+                # A sensor that outruns the network waits; losing transforms unseen is worse.
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+        self._calls = link.calls
 
     def put(self, payload: bytes) -> None:
-        """Publish a message. Raises ServerUnavailable if the publisher or its session is closed."""
-        with self._calls, self._lock:
+        """Publish a message.
+
+        Raises ServerUnavailable if the publisher or its session is closed, and what
+        `Connection.check_writable` raises.
+        """
+        self._connection.check_writable()
+        with self._lock, self._calls:
             if self._publisher is None:
                 raise ServerUnavailable("the broadcaster is closed")
             try:
@@ -61,7 +74,7 @@ class Publisher:
 
     def has_subscribers(self) -> bool:
         """Whether a server receives what is published; Zenoh may learn it with a delay."""
-        with self._calls, self._lock:
+        with self._lock, self._calls:
             if self._publisher is None:
                 return False
             matching = self._publisher.matching_status.matching  # type: ignore[attr-defined]

@@ -32,8 +32,6 @@ class Access:
         self._may = _texts(record, "may")
         self._publish = _texts(record, "publish")
         self._who = _who(user, record.get("certificate"))
-        if "replica_user" in record:  # the rules are for all clients of the replica together
-            self._who += f", as a client of a replica with user {record['replica_user']!r},"
 
     def check_any(self) -> None:
         """Raise AccessDenied if this client may do nothing at all."""

@@ -13,7 +13,6 @@ import itertools
 import os
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Final, TypeGuard, TypeVar
 
 import zenoh
@@ -29,11 +28,12 @@ from zenoh_tf.errors import (
 )
 
 from ..requests import info
+from ..requests.receipt import Receipt, later
 from ..requests.request import Request
 from . import retries
 from .access import Access
-from .seen_states import SeenStates
-from .server_info import Replica, ServerInfo, parse_server_info
+from .floor import Floor
+from .server_info import ServerInfo, parse_server_info
 from .steps import Ask, Pause, ReadQuery, Steps, decode
 
 T = TypeVar("T")
@@ -45,18 +45,16 @@ _CLOCK_PERIOD_S: Final = 10.0
 _FIRST_CLOCK_PERIOD_S: Final = 1.0
 #: How much longer a call may take for it: Zenoh may never end one sent as the server ends.
 _HELLO_TIMEOUT_S: Final = 0.5
-#: A client that knows no server looks for a replica for this share of a read's time.
-_FIND_SHARE: Final = 0.25
-#: A replica that lacks what the client must see is asked again after these pauses: a commit gets
-#: there about as soon as its reply gets to the client. Then the server is asked.
-_CATCH_UP_S: Final = (0.002, 0.008, 0.03)
 
 
 class Exchange:
     """The exchange of one client with the server of one tree."""
 
-    def __init__(self, tree: str, address: str, user: str | None, timeout_s: float) -> None:
-        """`address`: where the server is, for messages.
+    def __init__(
+        self, tree: str, address: str, user: str | None, timeout_s: float, *, moves: bool = False
+    ) -> None:
+        """`address`: where the server is, for messages. `moves`: the connection has several
+        endpoints, and soon another link if it loses one.
 
         Raises:
             InvalidArgumentException: `tree` is no name of a tree.
@@ -74,15 +72,13 @@ class Exchange:
         #: The id of the router that the client sits on; the connection knows it.
         self.router: Callable[[], str | None] = lambda: None
         self.absence = retries.Absence(self)
-        #: What answers reads in place of the server; None if there is none.
-        self.replica: Replica | None = None
-        #: A replica has been there, so a read may be older than what another client has seen.
-        self.reads_may_be_old = False
-        #: How old the last reply may be, in seconds; None if it was the server's own.
-        self.replica_age_s: float | None = None
-        #: What this client has seen of the server.
-        self.seen = SeenStates()
-        self._next_greeting_s = 0.0  # of the replica
+        self.moves = moves
+        #: How old the last answer may be, in seconds; None if the server that commits gave it.
+        self.age_s: float | None = None
+        #: What requests must see, if the client moves.
+        self.floor = Floor()
+        #: Of the latest write that the server has replied to.
+        self.last_receipt: Receipt | None = None
         #: What this client may do; None if the server has no access rules.
         self.access: Access | None = None
         #: Of the last hello that was answered: how long it took, and the clock in it.
@@ -98,72 +94,24 @@ class Exchange:
         """
         self.next_hello_s = time.monotonic() + self._clock_period_s()
         clock_ns = time.time_ns()
-        request = self._hello_request(clock_ns)
+        request = info.hello(self._user, self.client_id, clock_ns, self._round_trip)
         begin_ns = time.monotonic_ns()
         payload = wire.pack(request.body())
         reply = decode((yield Ask(self.keys["hello"], payload, timeout_s or self.timeout_s)))
         self.check_instance(reply)
         now_ns = time.monotonic_ns()
         if isinstance(reply, NoReply):
-            if self.replica is None:
-                raise ServerUnavailable(reply.reason)
-            raise ServerUnavailable(
-                f"the primary of tree {self._tree!r} does not answer: writes fail until it is "
-                f"back; the replica at {self._address} answers reads"
-            )
+            raise ServerUnavailable(reply.reason)
         self._round_trip = now_ns - begin_ns, clock_ns
         value = request.parse(reply)
-        if self.replica is None:  # which has the rules for its clients
-            self._take_access(value)
-        server = parse_server_info(value, now_ns)
-        self.server = server
-        self.absence.ended()
-        return server
-
-    def greet(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
-        """Ask who answers reads: the replica at the client's router, or else the server.
-
-        Raises ServerUnavailable if neither answers within `timeout_s`, or the usual time-out.
-        """
-        timeout_s = timeout_s or self.timeout_s
-        deadline_s = time.monotonic() + timeout_s
-        replica = yield from self._find_replica(timeout_s)
-        if replica is not None:
-            return replica.server
-        return (yield from self.hello(max(deadline_s - time.monotonic(), 0.1)))
-
-    def _find_replica(self, timeout_s: float) -> Steps[Replica | None]:
-        """Look for the replica at the client's router, which may be another one than before."""
-        router = self.router()
-        found = None
-        if router is not None:
-            self._next_greeting_s = time.monotonic() + self._clock_period_s()
-            near = {
-                name: zenoh.KeyExpr(keys.replica_request(self._tree, router, name))
-                for name in keys.REPLICA_REQUEST_TYPES
-            }
-            request = self._hello_request(time.time_ns())
-            # Zenoh ends the query at once if nobody has this key.
-            reply = decode((yield Ask(near["hello"], wire.pack(request.body()), timeout_s)))
-            if not isinstance(reply, NoReply) and "error" not in reply:
-                value = request.parse(reply)
-                self.reads_may_be_old = True
-                self._take_access(value)
-                found = Replica(near, parse_server_info(value, time.monotonic_ns()))
-        if found is not None and (self.replica is None or self.replica.keys != found.keys):
-            self.seen.await_replica()  # it may be new, and older than the one before
-        self.replica = found
-        return found
-
-    def _take_access(self, value: dict[str, Any]) -> None:
-        """Accept what a server or replica says that this client may do."""
         access = value.get("access")
         self.access = (
             None if access is None else Access(self._tree, self._address, self._user, access)
         )
-
-    def _hello_request(self, clock_ns: int) -> Request[dict[str, Any]]:
-        return info.hello(self._user, self.client_id, clock_ns, self._round_trip)
+        server = parse_server_info(value, now_ns)
+        self.server = server
+        self.absence.ended()
+        return server
 
     def _clock_period_s(self) -> float:
         return _FIRST_CLOCK_PERIOD_S if self._round_trip is None else _CLOCK_PERIOD_S
@@ -178,25 +126,18 @@ class Exchange:
 
     def _read(self, request: Request[T]) -> Steps[T]:
         timeout_s = self.timeout_s + request.wait_s
-        deadline_s = time.monotonic() + timeout_s
-        replica_refusal: wire.Message | None = None
-        if self.server is None or self.replica is not None:  # not the common case
-            found = yield from self._try_replica(request, deadline_s)
-            if found is not None and not wire.is_behind(found):
-                wire.raise_error(found)
-                return request.parse(found)
-            replica_refusal = found
-            timeout_s = max(deadline_s - time.monotonic(), 0.001)
-        seen = self.seen.least
-        if self.access is None and not self.reads_may_be_old:  # the common case
+        floor: Receipt | None = None
+        if self.access is None and not self.moves:  # the common case
             key, payload = self.keys[request.request_type], request.payload()
         else:
             body = request.body()
             key = self._key(request.request_type, body)
-            payload = wire.pack(body | {wire.WITH_SEQ: True} if self.reads_may_be_old else body)
-        query = ReadQuery(
-            key, self._check_size(payload), timeout_s, deadline_s, replica_refusal, seen
-        )
+            if self.moves:
+                floor = None if wire.FLOOR in body else self.floor.value
+                body = self.floor.add(body)
+            payload = wire.pack(body)
+        deadline_s = time.monotonic() + timeout_s
+        query = ReadQuery(key, self._check_size(payload), timeout_s, deadline_s, floor)
         return (yield from self.finish_read(request, query, (yield query)))
 
     def finish_read(
@@ -206,21 +147,21 @@ class Exchange:
         if (server := self.server) is not None and type(reply) is bytes:
             plain = request.parse_plain(reply, server.instance)
             if plain is not None:  # the common case
-                self.replica_age_s = None
+                self.age_s = None
                 yield from self._keep_in_touch()
                 return plain[0]
         message = decode(reply)
         if not self.is_served(message):
             key, payload = query.key, query.payload
-            give_up_s = min(time.monotonic() + retries.ABSENT_S, query.deadline_s)
+            give_up_s = query.deadline_s
+            if not self.moves:
+                give_up_s = min(time.monotonic() + retries.ABSENT_S, give_up_s)
             while True:
                 message = yield from retries.while_busy(
                     self, message, key, payload, query.deadline_s
                 )
                 if not isinstance(message, NoReply):
                     break
-                if query.replica_refusal is not None:
-                    wire.raise_error(query.replica_refusal)
                 if message.at_once:
                     yield from self._check_new_rules(request)
                 if not message.at_once or not self.absence.may_end(give_up_s):
@@ -228,14 +169,15 @@ class Exchange:
                 yield Pause(retries.PAUSE_S)
                 left_s = query.deadline_s - time.monotonic()
                 message = decode((yield Ask(key, payload, max(left_s, 0.001))))
-        self.replica_age_s = None
-        if self.reads_may_be_old and type(message.get("seq")) is int:
-            self.seen.record_server(wire.text(message, "instance"), message["seq"], query.seen)
-            if self.replica is not None:
-                self.seen.await_replica()
+        self.take_age(message)
+        self.floor.record(message, query.floor)
         yield from self._keep_in_touch()
         wire.raise_error(message)
         return request.parse(message)
+
+    def take_age(self, reply: wire.Message) -> None:
+        """Accept what a reply says of its age."""
+        self.age_s = wire.parse_age_s(reply)
 
     def _keep_in_touch(self) -> Steps[None]:
         """Say hello again if it is time for it, after a read that was answered."""
@@ -243,60 +185,6 @@ class Exchange:
             return
         with contextlib.suppress(TransformException):
             yield from self.hello(_HELLO_TIMEOUT_S)
-            if self.replica is None:  # one may have come
-                yield from self._find_replica(_HELLO_TIMEOUT_S)
-
-    def _try_replica(self, request: Request[Any], deadline_s: float) -> Steps[wire.Message | None]:
-        """Find out what answers reads if that is not known; return the reply of the replica, if it
-        is one. None: the server is to be asked."""
-        if self.server is None and self.replica is None:  # it has gone, or changed
-            with contextlib.suppress(TransformException):
-                yield from self.greet(self.timeout_s * _FIND_SHARE)
-        if (replica := self.replica) is None or request.request_type not in replica.keys:
-            return None
-        found = yield from self._ask_replica(replica, request, deadline_s)
-        if not isinstance(found, NoReply):
-            return found
-        if not found.at_once:
-            raise ServerUnavailable(found.reason)
-        return None
-
-    def _ask_replica(
-        self, replica: Replica, request: Request[Any], deadline_s: float
-    ) -> Steps[wire.Message | NoReply]:
-        """Ask the replica; its refusal is the outcome if it does not get what the client must
-        see soon."""
-        awaited, least = self.seen.awaited, self.seen.least  # in this order
-        body = request.body()
-        if least is not None:
-            body = body | wire.least(least.instance, least.seq)
-        payload = self._check_size(wire.pack(body))
-        pauses = iter(_CATCH_UP_S)
-        while True:
-            left_s = max(deadline_s - time.monotonic(), 0.001)
-            key = replica.keys[request.request_type]
-            reply = decode((yield Ask(key, payload, left_s)))
-            reply = yield from retries.while_busy(self, reply, key, payload, deadline_s)
-            if isinstance(reply, NoReply):
-                self.replica = None
-                return reply
-            pause_s = next(pauses, None) if wire.is_behind(reply) else None
-            if pause_s is None:
-                break
-            yield Pause(pause_s)
-        if awaited is not None and not wire.is_behind(reply):
-            self.seen.caught_up(awaited)
-        instance = reply.get("instance")
-        state = wire.parse_replica(reply)
-        self.replica_age_s = None if state is None else state[1] / 1e9
-        if state and self.seen.is_news(instance, state[2]) and not wire.is_behind(reply):
-            self.seen.record_read(wire.text(reply, "instance"), state[2])
-        if type(instance) is str and instance != replica.server.instance:  # it follows another one
-            self.replica = replace(replica, server=replace(replica.server, instance=instance))
-        if time.monotonic() >= self._next_greeting_s:
-            with contextlib.suppress(TransformException):  # the read itself was answered
-                yield from self._find_replica(_HELLO_TIMEOUT_S)
-        return reply
 
     def _write(self, request: Request[T]) -> Steps[T]:
         """If the request names an instance, only that server instance may apply the write; another
@@ -323,6 +211,9 @@ class Exchange:
             now_ns + server.clock_offset_ns + self._timeout_ns,
             request.instance or server.instance,
         )
+        if self.moves:
+            write = self.floor.add(write)
+        floor = self.floor.value
         payload = server.check_size(wire.pack(body | write))
         reply = decode((yield Ask(key, payload, self.timeout_s)))
         if not self.is_served(reply):
@@ -333,9 +224,8 @@ class Exchange:
                 if reply.at_once:
                     yield from self._check_denied(request, server.instance)
                 raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
-        self.seen.record_write(reply)
-        if self.replica is not None:
-            self.seen.await_replica()
+        self.floor.record(reply, floor)
+        self.last_receipt = later(self.last_receipt, reply)
         if "error" in reply:
             wire.raise_error(reply)
         return reply
@@ -360,8 +250,6 @@ class Exchange:
     def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
         """Raise AccessDenied if the rules of a server instance, which never change, do not allow
         a write that got no reply: then it has not run."""
-        if self.replica is not None:  # its rules may be others than this client knows
-            yield from self._find_replica(_HELLO_TIMEOUT_S)
         with contextlib.suppress(ServerUnavailable):
             server = yield from self.hello(_HELLO_TIMEOUT_S)
             if server.instance == (request.instance or instance):

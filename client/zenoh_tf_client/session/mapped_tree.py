@@ -129,15 +129,6 @@ class MappedTree:
         self._follows = False
         #: With several servers, memory does not say what the next one must have.
         self._is_on = mode == "shared" and len(connection.endpoints) == 1
-        self._held: SharedTree | None = None  # mapped, but not read now; guarded by the lock
-        me = weakref.ref(self)  # the connection must not keep it alive
-
-        def on_behind() -> None:
-            reads = me()
-            if reads is not None:
-                reads._hold()
-
-        connection.exchange.seen.on_behind = on_behind
         _all.add(self)
         if not self._is_on:
             self._refused["not_chosen"] += 1
@@ -181,7 +172,6 @@ class MappedTree:
             return
         with self._lock:
             self._closed.set()
-            self._held = None
             self._install(NO_TREE)
         self._wanted.set()
 
@@ -205,7 +195,7 @@ class MappedTree:
         if not wanted:
             return True
         try:
-            server = self._connection.greet()
+            server = self._connection.hello()
         except TransformException:
             return True  # the next lookup asks for it again
         if server.instance == self._settled:
@@ -248,20 +238,7 @@ class MappedTree:
         with self._lock:
             if self._closed.is_set():
                 return
-            hold = tree is not NO_TREE and self._connection.exchange.seen.is_behind
-            self._held = tree if hold else None
-            self._install(NO_TREE if hold else tree)
-
-    def _hold(self) -> None:
-        """Read no memory of a replica that may lack what this client has written."""
-        is_behind = self._connection.exchange.seen.is_behind
-        with self._lock:
-            if is_behind and self.tree is not NO_TREE:
-                self._held = self.tree
-                self._install(NO_TREE)
-            elif not is_behind and self._held is not None and not self._closed.is_set():
-                self._install(self._held)
-                self._held = None
+            self._install(tree)
 
     def _install(self, tree: SharedTree) -> None:
         self.tree = tree

@@ -34,6 +34,7 @@ class Exchange(Protocol):
     """What is needed of the `Exchange` that retries."""
 
     timeout_s: float
+    moves: bool
     router: Callable[[], str | None]
     absence: Absence
 
@@ -57,15 +58,21 @@ class Absence:
 
     def may_end(self, deadline_s: float) -> bool:
         """Whether to send a query again, before a deadline, that has just ended at once. Not
-        without a connection: it takes Zenoh a second to have another one.
+        without a connection: it takes Zenoh a second to have another one. A client with several
+        endpoints is about to have one.
 
         Raises ServerUnavailable if the session is closed.
         """
         exchange = self._exchange()
-        if exchange is None or exchange.router() is None:
+        if exchange is None:
+            return False
+        has_router = exchange.router() is not None
+        now_s = time.monotonic()
+        if exchange.moves:
+            return now_s + PAUSE_S < deadline_s
+        if not has_router:
             self._since_s = None
             return False
-        now_s = time.monotonic()
         since_s = self._since_s = now_s if self._since_s is None else self._since_s
         return now_s + PAUSE_S < min(deadline_s, since_s + ABSENT_S)
 

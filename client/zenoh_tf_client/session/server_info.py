@@ -1,15 +1,13 @@
-"""What a client knows of the server, and of the replica that answers reads in its place."""
+"""What a client knows of the server that answered last."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
-import zenoh
+from typing import Any, NoReturn
 
 from zenoh_tf import wire
 from zenoh_tf._net import handover
-from zenoh_tf.errors import LimitExceeded
+from zenoh_tf.errors import LimitExceeded, ReadOnlyReplica
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +22,7 @@ class ServerInfo:
     offer: handover.Offer | None = None  # of its tree's memory
     seq: int | None = None  # the number of its last commit, when it replied
     real_ns: int | None = None  # its real-time clock, when it replied
+    primary: str | None = None  # where writes are accepted, if not here
 
     def check_size(self, payload: bytes) -> bytes:
         """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
@@ -37,13 +36,12 @@ class ServerInfo:
             )
         return payload
 
-
-@dataclass(frozen=True, slots=True)
-class Replica:
-    """The replica at the client's router, which answers reads."""
-
-    keys: dict[str, zenoh.KeyExpr]
-    server: ServerInfo  # with the instance that it has a copy of
+    def raise_read_only(self) -> NoReturn:
+        """Raise the error of a write where the server accepts none."""
+        raise ReadOnlyReplica(
+            f"the server accepts no writes: connect to its primary, {self.primary}",
+            value=self.primary,
+        )
 
 
 def parse_server_info(value: dict[str, Any], now_ns: int) -> ServerInfo:
@@ -61,4 +59,5 @@ def parse_server_info(value: dict[str, Any], now_ns: int) -> ServerInfo:
         handover.parse_offer(value.get(handover.HELLO_FIELD)),
         wire.integer(value, "seq") if "seq" in value else None,
         wire.integer(value, "real_ns") if "real_ns" in value else None,
+        wire.text(value, "primary") if "primary" in value else None,
     )

@@ -30,8 +30,7 @@ class ReadQuery(Ask):
     """The query of a read to the server, with what its reply is judged by."""
 
     deadline_s: float
-    replica_refusal: wire.Message | None = None  # of a replica that was asked before
-    seen: Receipt | None = None  # when the query was made
+    floor: Receipt | None = None  # of the client, if the query names it
 
 
 @dataclass(frozen=True, slots=True)

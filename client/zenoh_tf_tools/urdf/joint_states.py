@@ -9,14 +9,17 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import zenoh
+
 from zenoh_tf import TransformException, wire
 from zenoh_tf._net import keys
-from zenoh_tf.errors import AccessDenied, ProtocolError
+from zenoh_tf.errors import AccessDenied, ProtocolError, ServerUnavailable
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state
 from zenoh_tf.ros2.keys import JOINT_STATE
 from zenoh_tf.ros2.publishers import Publishers
@@ -89,7 +92,14 @@ class JointStateFeed:
         self._senders: dict[str, tuple[str, str]] = {}
         self._connection = connection
         self._authority = authority
+        self._is_closed = False
         self._publishers: dict[str, Publisher] = {"": self._publisher(authority)}
+        connection.add_user(self)
+        self._listen()
+
+    def _listen(self) -> None:
+        """Listen in the connection's session."""
+        connection = self._connection
         with connection.calls:
             self._sources = Publishers(connection.session, JOINT_STATE, lambda *_: None)
             self._listener = TopicListener(
@@ -100,13 +110,24 @@ class JointStateFeed:
                 self._report,
             )
 
+    def connection_changed(self) -> None:
+        """Listen in the connection's new session."""
+        if not self._is_closed:
+            with contextlib.suppress(ServerUnavailable, zenoh.ZError):  # closed meanwhile
+                self._end()
+                self._listen()
+
     def close(self) -> None:
         """Listen no more."""
+        self._is_closed = True
+        self._end()
+        for publisher in self._publishers.values():
+            publisher.undeclare()
+
+    def _end(self) -> None:
         self._listener.close()
         with self._connection.calls:
             self._sources.close()
-        for publisher in self._publishers.values():
-            publisher.undeclare()
 
     def _receive(self, messages: list[Received]) -> None:
         with self._lock:

@@ -69,8 +69,9 @@ def open_session(
             connect,
             CONNECT_TIMEOUT_S,
             retry=RETRY,
-            max_message_bytes=RECEIVE_MARGIN * limits.message_bytes,
+            max_message_bytes=RECEIVE_MARGIN * max(limits.message_bytes, wire.MAX_REPLY_BYTES),
             credentials=security.credentials,
+            lease_ms=zenoh_config.SERVER_LEASE_MS,
         )
         config.insert_json5(queue, "16")
         return _open(config, connect)

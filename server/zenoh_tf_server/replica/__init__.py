@@ -1,5 +1,5 @@
-"""A server that answers reads from a copy of another server's tree, its primary.
+"""A server that nobody can write to: it serves a copy of another server's tree, its primary.
 
-Comes in: the primary's stream, and requests of clients. Goes out: replies. Writes go to the
-primary.
+Comes in: the primary's stream, as to any mirror, and requests of clients. Goes out: replies with
+their age, and the stream again.
 """

@@ -11,6 +11,8 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
+import secrets
+from typing import Final
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._net import handover
@@ -20,21 +22,24 @@ from ..limits import Limits
 from ..process.network import NetworkError
 from ..process.sharing import Sharing, SharingSettings
 
+#: Snapshots and interests are read from a tree with a log of changes, which nobody writes here.
+_LOG_BYTES: Final = 1 << 16
+
 log = logging.getLogger("zenoh_tf.server.sharing")
 
 
 class SharedCopies:
     """Makes the trees of copies, in shared memory where that is possible."""
 
-    def __init__(self, settings: SharingSettings, tree: str, own_id: str) -> None:
-        """`own_id`: of the replica, whose sockets are named after it.
+    def __init__(self, settings: SharingSettings, tree: str) -> None:
+        """Share nothing yet.
 
         Raises:
             NetworkError: Sharing is required, and there can be no socket.
         """
         self._settings = settings
         self._tree_name = tree
-        self._own_id = own_id
+        self._own_id = secrets.token_hex(8)  # the sockets are named after it
         self._numbers = itertools.count()
         self._current: Sharing | None = None
         self._next: Sharing | None = None
@@ -46,7 +51,7 @@ class SharedCopies:
         if self._next is not None:
             self._next.close()
             self._next = None
-        make = functools.partial(mirroring.make_tree, plan, instance)
+        make = functools.partial(mirroring.make_tree, plan, instance, max_log_bytes=_LOG_BYTES)
         try:
             self._next = self._sharing(instance)
             return self._next.make_tree(make)

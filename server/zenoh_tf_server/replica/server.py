@@ -1,29 +1,28 @@
-"""A running replica: a router of the primary's network that answers reads from a copy of the tree.
+"""A running replica: it listens for its clients, and is itself a client of its primary.
 
-It declares no key of the primary. Its own keys name its router, so a query of another router's
-client never gets here, and exactly one server executes each read
-(docs/explanation/decisions/0014-replicas-have-keys-of-their-own.md). Writes and puts of its clients
-pass through its router to the primary.
+So it has two sessions that nothing joins: its keys are those of any server of the tree, and no
+query reaches both (docs/explanation/decisions/0014-a-replica-is-a-read-only-server.md).
 """
 
 from __future__ import annotations
 
 import asyncio
 import functools
-import secrets
-from collections.abc import Mapping
 from contextlib import ExitStack
-from typing import Any
+from dataclasses import replace
 
-from zenoh_tf._net import keys
+import zenoh
 
+from zenoh_tf._net import keys, zenoh_config
+
+from ..process import network
 from ..process.upstream import Upstream
-from ..security import access_rules
+from ..requests.guard import RequestGuard
+from ..security.settings import OPEN
 from ..settings import ServerSettings
 from ..transport.running_server import RunningServer
 from .copies import SharedCopies
 from .service import ReplicaService
-from .sessions import ReplicaSessions
 
 
 class ReplicaServer(RunningServer):
@@ -31,34 +30,70 @@ class ReplicaServer(RunningServer):
 
     def __init__(self, settings: ServerSettings, loop: asyncio.AbstractEventLoop) -> None:
         """Serve. Raises NetworkError or TransformException."""
-        limits = settings.limits
-        # Closed in reverse order: first the queries, then the copy, then the session.
+        limits, security, tree = settings.limits, settings.security, settings.tree
+        # Closed in reverse order: first the queries, then the copy, then the sessions.
         with ExitStack() as stack:
-            security = settings.security
-            sessions = ReplicaSessions(settings.listen, settings.replica_of, limits, security)
-            stack.callback(sessions.close)
-            primary = Upstream(sessions.primary, settings.tree, user=security.credentials.user)
+            own = replace(OPEN, credentials=security.credentials)
+            upstream = network.open_session([], settings.replica_of, limits, own, tree)
+            stack.callback(upstream.close)
+            primary = Upstream(upstream, tree, user=security.credentials.user)
             primary.wait(settings.replica_of, security.credentials)
-            enforced = primary.access
-            session = sessions.open_clients(settings.tree, enforced)
-            own_id = secrets.token_hex(8)
-            copies = SharedCopies(settings.sharing, settings.tree, own_id)
-            service = ReplicaService(settings.tree, own_id, limits, loop, copies, primary)
-            service.access = lambda: _access(enforced, primary.access, security.credentials.user)
-            key = functools.partial(keys.replica_request, settings.tree, str(session.zid()))
-            request_types = keys.REPLICA_REQUEST_TYPES
-            super().__init__(session, service, key, settings.workers, stack, request_types)
-            service.is_connected = self.clients.is_connected
+            session = network.open_session(settings.listen, [], limits, security, tree)
+            stack.callback(session.close)
+            token = _ServerToken(session, tree)
+            copies = SharedCopies(settings.sharing, tree)
+            guard = RequestGuard(
+                security.rules, certificate_of=functools.partial(network.certificate_of, session)
+            )
+            where = ", ".join(map(zenoh_config.address, settings.replica_of))
+            service = ReplicaService(
+                *(tree, where, limits, loop, copies, primary, session, guard, token.declare)
+            )
             stack.callback(service.close)
             service.wait_for_copy()
+            key = functools.partial(keys.request, tree)
+            super().__init__(session, service, key, settings.workers, stack)
+            service.is_connected = self.clients.is_connected
             self.serve(service.authorities)
+            # Withdrawn first when it closes, so that clients learn of it.
+            stack.callback(token.close)
+            token.serve()
             self._stack = stack.pop_all()
 
 
-def _access(
-    enforced: Mapping[str, Any] | None, primary: Mapping[str, Any] | None, user: str | None
-) -> dict[str, Any] | None:
-    """What `hello` says that clients may do: what both the replica's rules, which are made when it
-    starts, and those of the primary allow."""
-    access = access_rules.common(enforced, primary)
-    return None if access is None else {**access, "replica_user": user}
+class _ServerToken:
+    """The liveliness token of a server, as of the primary's instance that is served.
+
+    Thread safety: `declare` by the thread of the feed; `serve` and `close` by one other.
+    """
+
+    def __init__(self, session: zenoh.Session, tree: str) -> None:
+        self._session = session
+        self._tree = tree
+        self._instance = ""
+        self._token: zenoh.LivelinessToken | None = None
+        self._is_serving = False
+
+    def declare(self, instance: str) -> None:
+        """From now on, this instance's tree is served."""
+        if instance == self._instance:
+            return
+        self._instance = instance
+        if self._is_serving:
+            before, self._token = self._token, self._make()  # there is always one
+            if before is not None:
+                before.undeclare()
+
+    def serve(self) -> None:
+        """Let clients see it from now on: requests are answered."""
+        self._is_serving = True
+        self._token = self._make()
+
+    def close(self) -> None:
+        self._is_serving = False
+        if self._token is not None:
+            self._token.undeclare()
+
+    def _make(self) -> zenoh.LivelinessToken:
+        key = keys.server(self._tree, self._instance)
+        return self._session.liveliness().declare_token(key)

@@ -1,8 +1,8 @@
-"""The service of a replica: a `Service` for each copy of the primary's tree, one after another.
+"""The service of a replica: a `CopyService` for each copy of the primary's tree, in turn.
 
 A request is served by the copy that is complete when it comes, and its reply says how old that is.
-While a new copy is made, the last one answers. The instance in replies is the primary's, because
-the versions are: a transaction may read here and commit there.
+While a new copy is made, the last one answers. Instance, versions, numbers and clock in replies are
+the primary's, because the commits are.
 
 Thread safety: all methods.
 """
@@ -10,14 +10,16 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final, NoReturn
+from typing import Any, Final
+
+import zenoh
 
 from zenoh_tf import TransformTree, threads, wire
-from zenoh_tf._net import keys
-from zenoh_tf.errors import InvalidArgumentException, ReplicaBehind, ServerUnavailable
+from zenoh_tf.errors import ServerBusy, ServerUnavailable, TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.source import Source, State
 from zenoh_tf.text import quoted
@@ -25,8 +27,8 @@ from zenoh_tf.text import quoted
 from ..limits import Limits
 from ..requests.guard import RequestGuard
 from ..requests.handler import Handler, ReplyCallback, ReplyWithField
-from ..requests.service import Service
 from .copies import SharedCopies
+from .copy_service import CopyService
 
 #: Time-out of the first copy.
 _COPY_TIMEOUT_S: Final = 30.0
@@ -36,34 +38,49 @@ _REPLACED_S: Final = 0.5
 _MAX_PAST: Final = 16
 #: In place of an age that is not known.
 _MAX_AGE_S: Final = 1e9
+#: A copy that is younger than this gets a commit that it lacks within milliseconds.
+_YOUNG_S: Final = 1.0
+_SOON_S: Final = 0.002
+_LATER_S: Final = 0.05
 
 
 class ReplicaService(Handler):
-    """Serves reads from copies of a tree."""
+    """Serves a tree from copies of it."""
 
     def __init__(
         self,
         name: str,
-        own_id: str,
+        primary: str,
         limits: Limits,
         loop: asyncio.AbstractEventLoop,
         copies: SharedCopies,
         source: Source,
+        session: zenoh.Session,
+        guard: RequestGuard,
+        serves: Callable[[str], None],
     ) -> None:
-        """Follow the primary, `source`. `own_id`: what `hello` calls this replica. `copies` makes
-        the trees."""
-        super().__init__(name, limits, RequestGuard())
-        #: What the clients may do, as the reply to `hello` says it; None: everything.
-        self.access: Callable[[], dict[str, Any] | None] = lambda: None
+        """Follow the primary, `source`. `primary`: its endpoints, for messages. `copies` makes the
+        trees. `session`: towards the clients. `serves` is called with each instance of the primary
+        whose tree is served from then on."""
+        super().__init__(name, limits, guard)
+        self.primary = primary
+        self.session = session
+        self.loop = loop
         #: Whether a client's token is there.
         self.is_connected: Callable[[str], bool] = lambda client: True
-        self._own_id = own_id
         self._copies = copies
-        self._loop = loop
+        self._source = source
+        self._serves = serves
+        self._plan: wire.TreeSettings | None = None  # of the copy that is made
         #: By copy; besides the current one, the one before it for a moment.
-        self._services: dict[TransformTree, Service] = {}
+        self._services: dict[TransformTree, CopyService] = {}
+        self._current: CopyService | None = None  # the one that gets what comes
         self._past: deque[str] = deque(maxlen=_MAX_PAST)  # instances that are gone
-        self._feed = MirrorFeed(source, self._take, make_tree=copies.make_tree)  # last: it calls
+        self._is_asking = False  # whether another instance is one of them
+        self._is_made = threading.Event()
+        # Last: it calls.
+        self.feed = MirrorFeed(source, self._take, make_tree=self._make_tree, observer=self)
+        self._is_made.set()
 
     def wait_for_copy(self) -> None:
         """Wait for the first copy.
@@ -71,39 +88,35 @@ class ReplicaService(Handler):
         Raises:
             TransformException: There is none in time.
         """
-        self._feed.wait_for_copy(_COPY_TIMEOUT_S)
+        self.feed.wait_for_copy(_COPY_TIMEOUT_S)
 
     def close(self) -> None:
         """Follow the primary no more, and answer what waits."""
-        self._feed.close()
+        self.feed.close()
         self._copies.close()
         for service in list(self._services.values()):
             service.close()
 
     @property
-    def state(self) -> State:
-        """What is served."""
-        return self._feed.state
-
-    @property
     def instance(self) -> str:
         """The primary's instance whose state is served."""
-        return self.state.instance
+        return self.feed.state.instance
 
     @property
     def age_s(self) -> float:
         """How old what is served may be, in seconds."""
-        return self._age_s(self.state)
+        return self._age_s(self.feed.state)
 
     def handle(
         self, request_type: str, payload: bytes, reply_to: ReplyCallback, chunk: str | None = None
     ) -> None:
-        state = self.state  # before the read, which may see more
+        state = self.feed.state  # before the read, which may see more
         service = None if state.tree is None else self._services.get(state.tree)
         if service is None:
             reply_to(self.error(ServerUnavailable("the replica is stopping")), True)
         else:
-            dated = ReplyWithField(reply_to, wire.REPLICA, lambda: self._freshness(state))
+            age_ns = int(self._age_s(state) * 1e9)
+            dated = ReplyWithField(reply_to, wire.AGE_NS, lambda: age_ns)
             service.handle(request_type, payload, dated, chunk)
 
     def client_gone(self, client: str) -> None:
@@ -118,102 +131,104 @@ class ReplicaService(Handler):
         """Those of the latest copy; there is one once `wait_for_copy` has returned."""
         return next(reversed(list(self._services.values()))).stats()
 
-    # --- copies
+    # --- what the feed calls, under its lock; see `mirrors.copy.Observer`
+
+    def begin(self, instance: str, seq: int) -> None:
+        """Another copy begins: the current one gets no more."""
+        self._current = None
+
+    def load(self, frames: wire.Frames) -> None:
+        """Nothing: nobody follows a copy that is not complete."""
+
+    def apply(self, message: wire.StreamMessage) -> None:
+        """Let the mirrors of clients have what the copy has got."""
+        if self._current is not None:
+            self._current.relay.apply(message)
+
+    def _make_tree(self, plan: wire.TreeSettings, instance: str) -> TransformTree:
+        self._plan = plan
+        return self._copies.make_tree(plan, instance)
 
     def _take(self, tree: TransformTree | None, instance: str) -> None:
         """Serve a new copy, which `state` has right after this."""
         if tree is None:
             return
-        service = _CopyService(self, tree, instance)
+        self._is_made.wait()
+        assert self._plan is not None
+        service = CopyService(self, tree, instance, self._plan)
         service.requests = self.requests
-        # Another function may be set later.
-        service.waiters.is_connected = lambda client: self.is_connected(client)  # noqa: PLW0108
         service.add_counters(self._counters)
         self.clocks, self.info_requests = service.clocks, service.info_requests
         # From here on no client reads the copy before this one in memory.
         service.offer = self._copies.share(tree, self.limits)
         replaced = dict(self._services)
-        self._services[tree] = service
+        self._services[tree] = self._current = service
+        self._serves(instance)
         if replaced:
             threads.start("replaced copy", self._end, replaced, instance)
 
-    def _end(self, replaced: dict[TransformTree, Service], instance: str) -> None:
+    def _end(self, replaced: dict[TransformTree, CopyService], instance: str) -> None:
         time.sleep(_REPLACED_S)
         for tree, service in replaced.items():
-            if service.instance not in (instance, *self._past):
-                self._past.append(service.instance)
+            if service.instance != instance:
+                self._add_past(service.instance)
             self._services.pop(tree, None)
             service.close()
 
     def _counters(self) -> dict[str, Any]:
         return {
             "replica_age_s": self.age_s,
-            "replica_seq": self.state.seq,
-            "replica_snapshots": self._feed.snapshots,
-            "replica_contradictions": self._feed.mirroring.contradictions,
+            "replica_seq": self.feed.state.seq,
+            "replica_snapshots": self.feed.snapshots,
+            "replica_contradictions": self.feed.mirroring.contradictions,
             **self._added_counters(),
         }
 
     def _age_s(self, state: State) -> float:
-        return min(self._feed.age_s(state), _MAX_AGE_S)
+        return min(self.feed.age_s(state), _MAX_AGE_S)
 
-    def _freshness(self, state: State) -> dict[str, int]:
-        """What the reply to a read that began in `state` says of it: which commits it has seen, how
-        old it is, and the last commit that it may have seen in part (`wire/replica.py`)."""
-        reach = max(state.seq, self._feed.mirroring.reach_seq)
-        return {"seq": state.seq, "reach": reach, "age_ns": int(self._age_s(state) * 1e9)}
+    # --- what a client has seen already
 
-    def check_least(self, tree: TransformTree, instance: str, seq: int) -> None:
-        """Check that a read in a copy sees a commit.
+    def check_floor(self, instance: str, seq: int) -> None:
+        """Check that a read sees a commit.
 
         Raises:
-            ReplicaBehind: It has not received that commit yet.
+            ServerBusy: It has not come here yet.
         """
-        state = self.state
-        # A primary of the past makes no more commits, and its copy was replaced by a later tree.
-        if (state.tree is tree and state.has(instance, seq)) or instance in self._past:
+        state = self.feed.state
+        if not instance or state.has(instance, seq):
             return
-        raise ReplicaBehind(
+        if instance != state.instance:
+            # An instance of the past makes no more commits, and its tree was replaced by a later
+            # one.
+            if instance in self._past:
+                return
+            self._ask_whether_past(instance)
+        raise ServerBusy(
             f"the replica has not received commit {seq} of server instance {quoted(instance)}, "
-            f"which this client must see: it has {state.seq} of {state.instance}",
+            f"which this client has seen: it has {state.seq} of {state.instance}",
             limit=seq,
             value=state.seq,
+            retry_after_s=_SOON_S if self._age_s(state) < _YOUNG_S else _LATER_S,
         )
 
+    def _ask_whether_past(self, instance: str) -> None:
+        """Find out whether an instance is gone. One that a client has seen is, if the primary that
+        answers after that is another one."""
+        if not self._is_asking:
+            self._is_asking = True
+            threads.start("past instance", self._ask_primary, instance)
 
-class _CopyService(Service):
-    """The service of one copy: it accepts no writes."""
+    def _ask_primary(self, instance: str) -> None:
+        try:
+            hello = wire.call_body("hello") | wire.floor_field(instance, 0)
+            if wire.text(self._source.ask("hello", hello, 0.0), "instance") != instance:
+                self._add_past(instance)
+        except TransformException:  # it is away: the client asks again
+            time.sleep(_LATER_S)
+        finally:
+            self._is_asking = False
 
-    def __init__(self, replica: ReplicaService, tree: TransformTree, instance: str) -> None:
-        name, limits, guard = replica.name, replica.limits, _Guard(replica, tree)
-        super().__init__(tree, name, instance, limits, replica._loop, guard=guard)
-        self._identity["replica"] = replica._own_id
-
-    def _store(self, commit: wire.Commit) -> NoReturn:
-        raise InvalidArgumentException(
-            f"this is a replica, which accepts no writes: send them to the key of tree "
-            f"{self.name!r} itself, not to that of its replica",
-            field="request_type",
-        )
-
-
-class _Guard(RequestGuard):
-    """Refuses reads that must see more than there is."""
-
-    def __init__(self, replica: ReplicaService, tree: TransformTree) -> None:
-        super().__init__()
-        self.checked = frozenset(keys.REQUEST_TYPES)
-        self._replica = replica
-        self._tree = tree
-
-    def access(self, message: wire.Message) -> dict[str, Any] | None:
-        """The same for every client: what the primary allows to the replica's user."""
-        return self._replica.access()
-
-    def check(self, request_type: str, chunk: str | None, message: wire.Message) -> None:
-        """Check that a read sees what it must see at least. Removes the fields that say it."""
-        if wire.LEAST_SEQ in message:
-            instance = wire.text(message, wire.LEAST_INSTANCE)
-            seq = wire.integer(message, wire.LEAST_SEQ, low=0)
-            del message[wire.LEAST_SEQ], message[wire.LEAST_INSTANCE]
-            self._replica.check_least(self._tree, instance, seq)
+    def _add_past(self, instance: str) -> None:
+        if instance not in self._past and instance != self.instance:
+            self._past.append(instance)

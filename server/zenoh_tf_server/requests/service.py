@@ -87,10 +87,10 @@ class Service(Handler):
         # that was replaced then goes at once with its memory, not when garbage is collected.
         self._handlers: dict[str, Callable[[Service, wire.Message, ReplyCallback], None]] = {
             "lookup": Service._lookup,
-            "commit": Service._commit,
-            "batch": Service._batch,
+            "commit": type(self)._commit,
+            "batch": type(self)._batch,
             "info": Service._reply_to_info,
-            "admin": Service._admin,
+            "admin": type(self)._admin,
             "hello": Service._reply_to_hello,
         }
 
@@ -113,21 +113,18 @@ class Service(Handler):
             message = self.limits.unpack(payload, request_type == "batch")
             if request_type in self.guard.checked:
                 self.guard.check(request_type, chunk, message)
-            if wire.WITH_SEQ in message:
-                reply_to = self._numbered(message, reply_to)
+            if wire.FLOOR in message:
+                self.check_floor(*wire.take_floor(message))
+                if self.last_seq is not None:
+                    reply_to = ReplyWithField(reply_to, "seq", self.last_seq)
             self._handlers[request_type](self, message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
         counts.end(request_type)
 
-    def _numbered(self, message: wire.Message, reply_to: ReplyCallback) -> ReplyCallback:
-        """Add the number of the last commit that a read may have seen to its reply, if the read
-        asks for it."""
-        is_wanted = wire.flag(message, wire.WITH_SEQ)
-        del message[wire.WITH_SEQ]
-        if self.last_seq is None or not is_wanted:
-            return reply_to
-        return ReplyWithField(reply_to, "seq", self.last_seq)
+    def check_floor(self, instance: str, seq: int) -> None:
+        """Check that a request sees a commit; a server that commits itself always has it. Raises
+        ServerBusy."""
 
     def _error_reply(self, error: TransformException) -> wire.Message:
         reply = super()._error_reply(error)
@@ -339,12 +336,17 @@ class Service(Handler):
 
     def _hello(self, message: wire.Message) -> dict[str, Any]:
         access = self.guard.access(message)
-        known = self._identity | {"clock_ns": time.monotonic_ns(), "real_ns": time.time_ns()}
+        clock_ns, real_ns = self._clocks_now()
+        known = self._identity | {"clock_ns": clock_ns, "real_ns": real_ns}
         if self.last_seq is not None:
             known["seq"] = self.last_seq()
         if self.offer is not None and (access is None or "read" in access["may"]):
             known[handover.HELLO_FIELD] = self.offer.fields()
         return known if access is None else known | {"access": access}
+
+    def _clocks_now(self) -> tuple[int, int]:
+        """The clock of numbers and ages, and the real-time clock, at the same time."""
+        return time.monotonic_ns(), time.time_ns()
 
     def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:

@@ -19,66 +19,29 @@ from .access_rules import EVERYTHING, AccessRule
 READS: Final = ("lookup", "batch", "info", "snapshot", "missed")
 #: Requests whose keys name what is written, once there are rules.
 KEYED: Final = ("commit", "batch", "admin")
-#: What joins the two routers of a replica, and only these.
-PRIMARY_PROTOCOL: Final = "unixsock-stream"
-#: All that Zenoh's access control knows.
-_MESSAGES: Final = (
-    *("put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"),
-    *("liveliness_token", "liveliness_query", "declare_liveliness_subscriber"),
-)
-
-
-#: What the clients of a rule may do, over these protocols only if there are any.
-_Grant = tuple[AccessRule, list[dict[str, Any]], Sequence[str]]
 
 
 def zenoh_settings(tree: str, rules: Sequence[AccessRule]) -> dict[str, Any]:
     """The value of `access_control`. Without rules, a client that is let in may do everything."""
-    grants: list[_Grant] = [(AccessRule(), _for_all(tree), ())]
+    grants = [(AccessRule(), _for_all(tree))]
     for rule in rules or [EVERYTHING]:
-        grants.append((rule, _rights(tree, rule, keyed=bool(rules)), ()))
-    return _settings(grants)
-
-
-def replica_settings(tree: str, rule: AccessRule) -> dict[str, Any]:
-    """The same of a replica's router for clients. `rule`: what each of them may do."""
-    replica = {name: keys.replica_request(tree, "*", name) for name in keys.REPLICA_REQUEST_TYPES}
-    queries = [replica.pop("hello")]
-    if "read" in rule.may:
-        queries += replica.values()
-    if rule == EVERYTHING:  # the primary may have no rules, and so accept writes on plain keys
-        queries += (keys.request(tree, request_type) for request_type in KEYED)
-    rights = [*_for_all(tree), *_rights(tree, rule, keyed=True)]
-    everything = [_right(flow, _MESSAGES, ["**"]) for flow in ("ingress", "egress")]
-    return _settings(
-        [
-            (AccessRule(), [*rights, _right("ingress", ["query"], queries)], ()),
-            (AccessRule(), everything, [PRIMARY_PROTOCOL]),
-        ]
-    )
-
-
-def _settings(grants: Sequence[_Grant]) -> dict[str, Any]:
-    rules: list[dict[str, Any]] = []
+        grants.append((rule, _rights(tree, rule, keyed=bool(rules))))
+    allowed: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
-    for rule, rights, protocols in grants:
+    for rule, rights in grants:
         if not rights:
             continue
-        selectors = {
-            "usernames": rule.users,
-            "link_protocols": protocols,
-            "cert_common_names": rule.certificates,
-        }
+        selectors = {"usernames": rule.users, "cert_common_names": rule.certificates}
         subject = {name: list(values) for name, values in selectors.items() if values}
-        ids = [f"right {number}" for number in range(len(rules), len(rules) + len(rights))]
-        rules += (right | {"id": id_} for right, id_ in zip(rights, ids, strict=True))
+        ids = [f"right {number}" for number in range(len(allowed), len(allowed) + len(rights))]
+        allowed += (right | {"id": id_} for right, id_ in zip(rights, ids, strict=True))
         subjects.append(subject | {"id": f"subject {len(subjects)}"})
         policies.append({"rules": ids, "subjects": [subjects[-1]["id"]]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
+        "rules": allowed,
         "subjects": subjects,
         "policies": policies,
     }

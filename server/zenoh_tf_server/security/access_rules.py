@@ -61,24 +61,6 @@ def granted(
     }
 
 
-def common(one: Mapping[str, Any] | None, other: Mapping[str, Any] | None) -> Any:
-    """What two results of `granted` both allow; None allows everything."""
-    if one is None or other is None:
-        return other if one is None else one
-    publish = {
-        pattern
-        for mine, others in ((one, other), (other, one))
-        for pattern in mine["publish"]
-        if any(_covers(wider, pattern) for wider in others["publish"])
-    }
-    return {"may": sorted({*one["may"]} & {*other["may"]}), "publish": sorted(publish)}
-
-
-def _covers(wider: str, pattern: str) -> bool:
-    prefix = wider.removesuffix("*")
-    return wider == pattern or (prefix != wider and pattern.startswith(prefix))
-
-
 def authority_chunk(pattern: str) -> str:
     """The key chunk of the authorities that a pattern of `publish` names.
 

@@ -8,7 +8,7 @@ import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, cast
+from typing import NoReturn
 
 from zenoh_tf._net import credentials, zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
@@ -16,7 +16,6 @@ from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text.flag_values import file_path
 
 from . import access_control
-from .access_control import PRIMARY_PROTOCOL
 from .access_rules import AccessRule
 
 
@@ -44,13 +43,6 @@ class Security:
 
     def router_settings(self, tree: str) -> dict[str, object]:
         """The settings of the embedded router that they stand for."""
-        settings = self.listen_settings()
-        if self.authenticates:
-            settings["access_control"] = access_control.zenoh_settings(tree, self.rules)
-        return settings
-
-    def listen_settings(self) -> dict[str, object]:
-        """The settings of a router for its own endpoints: who may connect there."""
         settings: dict[str, object] = {}
         if self.tls_certificate is not None:
             tls: dict[str, object] = {
@@ -63,14 +55,8 @@ class Security:
             settings["transport/link/tls"] = tls
         if self.users is not None:
             settings["transport/auth/usrpwd/dictionary_file"] = self.users
-        return settings
-
-    def open_replica_settings(self) -> dict[str, object]:
-        """The settings of the only router of a replica that anybody may use."""
-        settings = credentials.zenoh_settings(self.credentials)
-        listening = self.listen_settings()
-        tls = cast(dict[str, object], settings["transport/link/tls"])
-        tls |= cast(dict[str, object], listening.get("transport/link/tls", {}))
+        if self.authenticates:
+            settings["access_control"] = access_control.zenoh_settings(tree, self.rules)
         return settings
 
 
@@ -125,13 +111,17 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
     Raises:
         InvalidArgumentException: They contradict each other, or a file is wrong.
     """
-    if options.connect or options.replica_of:
+    if options.connect:
         return _joining(options, rules)
+    follows = bool(options.mirror_of or options.replica_of)
     for name in ("user", "password_file"):
-        if getattr(options, name) and not options.mirror_of:
+        if getattr(options, name) and not follows:
             _reject(name, "works with --connect only; --users says who may connect to this server")
-    # Without a certificate of the server, the authorities sign those of the robots only.
-    own_ca = options.tls_certificate is not None or not options.mirror_of
+    if options.tls_certificate is None:  # else the files are those of its own endpoints, too
+        for endpoint in options.replica_of:
+            zenoh_config.check_encrypted(endpoint, _credentials(options))
+    # Without a certificate of the server, the authorities sign those of the others only.
+    own_ca = options.tls_certificate is not None or not follows
     security = Security(
         options.tls_certificate,
         options.tls_key,
@@ -139,35 +129,22 @@ def from_flags(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Secu
         options.users,
         tuple(rules),
         not options.no_admin,
-        _credentials(options) if options.mirror_of else NO_CREDENTIALS,
+        _credentials(options) if follows else NO_CREDENTIALS,
     )
     _check(security, options.listen)
     return security
 
 
 def _joining(options: argparse.Namespace, rules: Sequence[AccessRule]) -> Security:
-    """Of a server that joins a network, or a replica."""
-    if options.users and options.connect:
+    """Of a server that joins a network."""
+    if options.users:
         _reject("users", "works with --listen only: the network's routers check their clients")
-    if options.replica_of and bool(options.users) != bool(options.user):
-        missing = "user" if options.users else "users"
-        _reject(missing, "is missing: a replica whose primary asks for users asks for them, too")
-    if rules and options.replica_of:
-        _reject("access", "rules of a replica are those of the primary: write them there")
     if rules:
         _reject("access", "rules work with --listen only: configure the network's routers")
     given = _credentials(options)
-    for endpoint in options.connect or options.replica_of:
+    for endpoint in options.connect:
         zenoh_config.check_encrypted(endpoint, given)
-    if not options.replica_of:
-        return Security(admin=not options.no_admin, credentials=given)
-    if any(zenoh_config.protocol(endpoint) == PRIMARY_PROTOCOL for endpoint in options.listen):
-        _reject("listen", f"cannot be {PRIMARY_PROTOCOL}/... with --replica-of")
-    if options.users:
-        check_users(options.users)
-    # Its clients get the same certificate as its primary.
-    listening = options.tls_certificate, options.tls_key, options.tls_ca, options.users
-    return Security(*listening, credentials=given)
+    return Security(admin=not options.no_admin, credentials=given)
 
 
 def _credentials(options: argparse.Namespace) -> Credentials:

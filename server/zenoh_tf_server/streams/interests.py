@@ -27,12 +27,13 @@ from typing import Final
 import zenoh
 
 from zenoh_tf import TransformTree, threads, wire
-from zenoh_tf._core import ChangeLog, InterestReader, wait_for_changes
+from zenoh_tf._core import InterestReader, wait_for_changes
 from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ServerBusy, ServerRestarted, TransformException
 
 from .. import fair_share
 from ..limits import Limits
+from .commit_stream import CommitStream
 from .publisher import HEARTBEAT_S, StreamPublisher
 
 log = logging.getLogger("zenoh_tf.server")
@@ -56,12 +57,15 @@ _UNHEARD_IF_BUSY_S: Final = 1.0
 class _Interest:
     """One interest and its stream. Its owner's lock guards `clients`."""
 
-    def __init__(self, interest: wire.Interest, tree: TransformTree, instance: str) -> None:
+    def __init__(
+        self, interest: wire.Interest, tree: TransformTree, stream: CommitStream, instance: str
+    ) -> None:
         self.wanted = interest
+        self._stream = stream
         self.period_s = interest.period_ns / 1e9
         self.delay_s = interest.delay_ns / 1e9
         self.reader = InterestReader(tree, list(interest.pairs), bool(interest.period_ns))
-        self.publisher = StreamPublisher(instance, _KEPT_BYTES)
+        self.publisher = StreamPublisher(instance, _KEPT_BYTES, stream.real_ahead_ns)
         self.clients: set[str] = set()
         self.unheard_since_s: float | None = time.monotonic()  # None: someone listens
         self._lock = threading.Lock()  # guards what follows, and the order of the messages
@@ -90,8 +94,8 @@ class _Interest:
     def snapshot(self, room: int, settings: wire.TreeSettings) -> wire.SnapshotPlan:
         """All that there is. Publishes what of it is new, so that the stream continues from it."""
         with self._lock:
-            clock_ns = time.monotonic_ns()
-            seq, reparented, changes, everything = self.reader.read(True, room)
+            seq, clock_ns = self._stream.position()
+            _, reparented, changes, everything = self.reader.read(True, room)
             assert everything is not None
             self._put(seq, clock_ns, changes)
             bounds = wire.NO_BOUNDS
@@ -103,8 +107,8 @@ class _Interest:
             if self.period_s and time.monotonic() < self._state_s + self.period_s:
                 self._put(self.publisher.last, self._clock_ns, None)
                 return
-            clock_ns = time.monotonic_ns()  # all that was committed before is in what is read
-            seq, _, changes, _ = self.reader.read(False, room)
+            seq, clock_ns = self._stream.position()
+            _, _, changes, _ = self.reader.read(False, room)
             self._put(seq, clock_ns, changes)
 
     def _put(self, last: int, clock_ns: int, changes: wire.Changes | None) -> None:
@@ -118,11 +122,13 @@ class _Interest:
 class Interests:
     """The interests of all mirrors."""
 
-    def __init__(self, tree: TransformTree, instance: str, limits: Limits) -> None:
+    def __init__(
+        self, tree: TransformTree, stream: CommitStream, instance: str, limits: Limits
+    ) -> None:
         self._tree = tree
+        self._stream = stream
         self._instance = instance
         self._limits = limits
-        self._log = ChangeLog(tree)  # for the number of the last commit
         self._lock = threading.Lock()
         self._interests: dict[str, _Interest] = {}
         self._shares = fair_share.FairShare(limits, "interests")
@@ -145,6 +151,9 @@ class Interests:
         self._closing = True
         self._changed.set()
         threads.join(self._thread)
+        with self._lock:
+            for interest_id in list(self._interests):
+                self._end(interest_id)
 
     def snapshot(
         self, wanted: wire.Interest, client: str, settings: wire.TreeSettings
@@ -170,7 +179,7 @@ class Interests:
             interest = self._interests.get(interest_id)
         if interest is None:
             raise ServerRestarted("the interest has ended: load a new snapshot")
-        return interest.publisher.missed(first, self._log.last)
+        return interest.publisher.missed(first, self._stream.last_seq())
 
     def client_gone(self, client: str) -> None:
         """Give up what only this client wanted."""
@@ -205,7 +214,7 @@ class Interests:
                     self._sweep(_UNHEARD_IF_BUSY_S)
                     self._shares.require_room(client, 1, _UNHEARD_IF_BUSY_S)
             if interest is None or wanted.id not in self._interests:
-                interest = _Interest(wanted, self._tree, self._instance)
+                interest = _Interest(wanted, self._tree, self._stream, self._instance)
                 if self._session is not None:
                     key = keys.stream(self._name, self._instance, wanted.id)
                     interest.publisher.start(self._session, key, self._changed.set)

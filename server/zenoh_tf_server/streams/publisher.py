@@ -91,10 +91,13 @@ class RecentMessages:
 class StreamPublisher:
     """Publishes the stream of a server instance."""
 
-    def __init__(self, instance: str, kept_bytes: int) -> None:
+    def __init__(
+        self, instance: str, kept_bytes: int, real_ahead_ns: Callable[[], int | None]
+    ) -> None:
         """`kept_bytes`: the size of the latest messages that are kept for mirrors that missed
-        some."""
+        some. `real_ahead_ns`: by how much the server's real-time clock is ahead of its other."""
         self._instance = instance
+        self._real_ahead_ns = real_ahead_ns
         self._publisher: Any = None
         self.recent = RecentMessages(kept_bytes)
         #: The number with which the last message ends, and when it was put.
@@ -142,8 +145,10 @@ class StreamPublisher:
 
     def _real_ns(self, clock_ns: int) -> int | None:
         """The real-time clock at `clock_ns`: now and then, and at once if it was set."""
-        ahead_ns = time.time_ns() - time.monotonic_ns()
+        ahead_ns = self._real_ahead_ns()
         now_s = time.monotonic()
+        if ahead_ns is None:
+            return None
         if abs(ahead_ns - self._ahead_ns) < _SET_NS and now_s < self._next_real_s:
             return None
         self._ahead_ns, self._next_real_s = ahead_ns, now_s + _REAL_PERIOD_S

@@ -9,7 +9,6 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import Final
 
@@ -18,9 +17,8 @@ from zenoh_tf._core import ChangeLog
 from zenoh_tf.errors import ServerRestarted
 from zenoh_tf.text import quoted
 
-from ..limits import Limits
+from .commit_stream import CommitStream
 from .interests import Interests
-from .stream import Stream
 
 PIECE_BYTES: Final = 1 << 20
 #: A stream whose first listener has just come begins within this time.
@@ -33,21 +31,18 @@ class Snapshots:
     def __init__(
         self,
         tree: TransformTree,
-        stream: Stream,
+        stream: CommitStream,
         interests: Interests,
         instance: str,
-        cache_ns: int,
-        limits: Limits,
+        settings: wire.TreeSettings,
     ) -> None:
+        """`settings`: of the tree."""
         self._tree = tree
         self._log = ChangeLog(tree)
         self._stream = stream
         self._interests = interests
         self._instance = instance
-        self._settings = wire.TreeSettings(
-            *(cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth),
-            tree._motion_limits(),
-        )
+        self._settings = settings
 
     def _settings_now(self) -> wire.TreeSettings:
         return replace(self._settings, startup_ns=self._tree._startup_ns())
@@ -63,15 +58,15 @@ class Snapshots:
         if request is None:
             # The mirror listens already, so it must get all that comes after the snapshot.
             self._stream.wait_until_active(_BEGIN_S)
-            clock_ns = time.monotonic_ns()  # all that was committed before is in the snapshot
-            seq, ever_reparented, bounds = self._log.plan_snapshot(PIECE_BYTES)
+            seq, clock_ns = self._stream.position()
+            _, ever_reparented, bounds = self._log.plan_snapshot(PIECE_BYTES)
             return wire.snapshot_plan_reply(
                 wire.SnapshotPlan(seq, ever_reparented, bounds, self._settings_now(), clock_ns)
             )
         self._check_instance(request.instance)
         reached, frames = self._log.read_snapshot(request.after, request.until, 2 * PIECE_BYTES)
         return wire.snapshot_piece_reply(
-            wire.SnapshotPiece(request.piece, reached, self._log.last, frames)
+            wire.SnapshotPiece(request.piece, reached, self._stream.last_seq(), frames)
         )
 
     def missed(self, message: wire.Message, client: str) -> wire.Message:

@@ -40,7 +40,7 @@ class Stream:
     def __init__(self, tree: TransformTree, instance: str, limits: Limits) -> None:
         self._instance = instance
         self._log = ChangeLog(tree)
-        self._publisher = StreamPublisher(instance, limits.stream_bytes)
+        self._publisher = StreamPublisher(instance, limits.stream_bytes, self.real_ahead_ns)
         self._changed = threading.Event()  # the listeners, or `_closing`
         self._active = threading.Event()  # the log is read
         self._closing = False
@@ -64,6 +64,11 @@ class Stream:
         if not self._active.is_set() and self._publisher.has_listeners():
             self._active.wait(timeout_s)
 
+    def position(self) -> tuple[int, int]:
+        """As `CommitStream.position`."""
+        clock_ns = time.monotonic_ns()  # in this order
+        return self._log.last, clock_ns
+
     def last_seq(self) -> int:
         """The number of the tree's last commit, which may be in progress."""
         return self._log.last
@@ -71,6 +76,10 @@ class Stream:
     def missed(self, first: int) -> wire.Message:
         """The fields of the reply to `missed`: the messages from the number `first` on."""
         return self._publisher.missed(first, self._publisher.last)
+
+    def real_ahead_ns(self) -> int:
+        """As `CommitStream.real_ahead_ns`."""
+        return time.time_ns() - time.monotonic_ns()
 
     def counters(self) -> dict[str, int]:
         """Counters for `stats`."""

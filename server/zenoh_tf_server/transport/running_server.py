@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 
 import zenoh
 
-from zenoh_tf._net import keys
 from zenoh_tf._net.link_sockets import LinkSockets
 from zenoh_tf.mirrors.free_memory import FreeMemory
 
@@ -29,7 +28,6 @@ class RunningServer:
         key: Callable[[str], str],
         workers: int,
         stack: ExitStack,
-        request_types: Sequence[str] = keys.REQUEST_TYPES,
     ) -> None:
         """Prepare to serve, until `stack` is closed. `key`: of a request type. `workers`: threads
         for each of them."""
@@ -45,7 +43,7 @@ class RunningServer:
         clients.when_gone(replies.forget)
         clients.when_gone(service.client_gone)
         service.add_counters(replies.counters)
-        self.workers = Workers(service, clients, replies, workers, request_types)
+        self.workers = Workers(service, clients, replies, workers)
         self._stack = stack
 
     def serve(self, authorities: Callable[[], Iterable[str]] | None) -> None:

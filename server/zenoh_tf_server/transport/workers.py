@@ -19,7 +19,7 @@ from __future__ import annotations
 import functools
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final
 
 import zenoh
@@ -67,7 +67,6 @@ class Workers:
         clients: Clients,
         replies: Replies,
         count: int,
-        request_types: Sequence[str] = keys.REQUEST_TYPES,
     ) -> None:
         #: What waits, also of requests that do not come as queries.
         self.shares = QueueShares(service.limits)
@@ -90,7 +89,7 @@ class Workers:
                 1 if request_type in _SMALL else count,
                 infos if request_type == "info" else long,
             )
-            for request_type in request_types
+            for request_type in keys.REQUEST_TYPES
         ]
 
     def start(self, session: zenoh.Session, key: Callable[[str], str]) -> None:

@@ -15,7 +15,6 @@ from typing import Final, Self, TypeVar
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
 
-from ...failover.connection import open_connection
 from ...requests.request import Request
 from ...session import connection
 from ...session.mapped_tree import MappedTree, Mode
@@ -44,7 +43,7 @@ class Connection:
         self.opened = opened
         self.mapped = mapped
         self._loop = asyncio.get_running_loop()
-        self._transport = Transport(self._loop, opened.queries)
+        self._transport = Transport(self._loop, opened)
         self._outbox = Outbox(self._transport, opened.exchange)
         self._waits = Waits(self._transport, opened.exchange)
         self._room = asyncio.Semaphore(MAX_CALLS)
@@ -68,7 +67,7 @@ class Connection:
         """Connect; raises what the synchronous `Connection` raises."""
 
         def connect() -> tuple[connection.Connection, MappedTree]:
-            opened = open_connection(endpoint, tree, timeout_s, credentials)
+            opened = connection.Connection(endpoint, tree, timeout_s, credentials)
             return opened, MappedTree(opened, reads)
 
         def close(opened: tuple[connection.Connection, MappedTree]) -> None:

@@ -65,7 +65,7 @@ class Drive(ABC):
         if isinstance(outcome, TransformException):
             self._continue(None, outcome)
             return
-        self._continue(self._transport.queries.outcome(outcome, self._timeout_s))
+        self._continue(self._transport.opened.queries.outcome(outcome, self._timeout_s))
 
     def _stop_waiting(self) -> None:
         if self._query is not None:

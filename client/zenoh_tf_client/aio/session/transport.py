@@ -15,9 +15,10 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf._net.queries import ZENOH_TIMEOUT, Queries, ReplyParts
+from zenoh_tf._net.queries import ZENOH_TIMEOUT, ReplyParts
 from zenoh_tf.errors import ServerUnavailable, TransformException
 
+from ...session.connection import Connection
 from ...session.steps import Ask
 from .threads import Worker
 from .wake import Wake
@@ -37,9 +38,9 @@ _Arrival = zenoh.Reply | Outcome
 class Transport:
     """The queries of one loop in one session."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, queries: Queries) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, opened: Connection) -> None:
         self.loop = loop
-        self.queries = queries
+        self.opened = opened
         #: For calls that may block.
         self.worker = Worker()
         self.is_closed = False
@@ -118,13 +119,14 @@ class SentQuery:
 
     def send(self) -> None:
         """Send it; may block. Thread safety: any thread."""
-        step = self._step
+        step, opened = self._step, self._transport.opened
+        link = opened.link
         try:
-            self._transport.queries.send(
+            link.queries.send(
                 step.key, step.payload, step.timeout_s, self._replied, self._ended, self._token
             )
         except TransformException as error:
-            self._transport.hand_over(self, error)
+            self._transport.hand_over(self, None if opened.was_replaced(link) else error)
         self._is_sent = True
         if self._arrived is None:  # it was cancelled meanwhile
             self._token.cancel()

@@ -1,0 +1,93 @@
+"""The service of one copy of the primary's tree: everything but writes.
+
+Thread safety: all methods.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, NoReturn
+
+from zenoh_tf import TransformTree, wire
+from zenoh_tf.errors import ReadOnlyReplica
+
+from ..process import network
+from ..requests.handler import ReplyCallback
+from ..requests.service import Service
+from ..state.static_links import apply
+from ..streams.interests import Interests
+from ..streams.snapshots import Snapshots
+from .relay import Relay
+
+if TYPE_CHECKING:
+    from .service import ReplicaService
+
+
+class CopyService(Service):
+    """Serves one copy, and publishes what changes in it."""
+
+    def __init__(
+        self,
+        replica: ReplicaService,
+        tree: TransformTree,
+        instance: str,
+        settings: wire.TreeSettings,
+    ) -> None:
+        name, limits = replica.name, replica.limits
+        super().__init__(tree, name, instance, limits, replica.loop, guard=replica.guard)
+        self._replica = replica
+        self._identity["primary"] = replica.primary
+        # Another function may be set later.
+        self.waiters.is_connected = lambda client: replica.is_connected(client)  # noqa: PLW0108
+        self.info_requests.addresses = functools.partial(network.addresses, replica.session)
+        self.relay = Relay(replica.feed, tree, instance, limits)
+        self.relay.start(replica.session, name)
+        self.last_seq = self.relay.last_seq
+        self.interests = Interests(tree, self.relay, instance, limits)
+        self.interests.start(replica.session, name)
+        snapshots = Snapshots(tree, self.relay, self.interests, instance, settings)
+        self.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+        self.add_counters(self.relay.counters)
+        self.add_counters(self.interests.counters)
+
+    def close(self) -> None:
+        super().close()
+        self.interests.close()
+        self.relay.close()
+
+    def client_gone(self, client: str) -> None:
+        super().client_gone(client)
+        self.interests.client_gone(client)
+
+    def check_floor(self, instance: str, seq: int) -> None:
+        self._replica.check_floor(instance, seq)
+
+    def _clocks_now(self) -> tuple[int, int]:
+        """Those of the primary, as its numbers are."""
+        clock = self._replica.feed.clock
+        return clock.there_ns(self.instance) or 0, clock.real_ns()
+
+    # --- writes
+
+    def _commit(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        """Compare what a transaction has read, if it only reads."""
+        commit = wire.parse_commit(message)
+        if len(commit.rows):
+            self._refuse()
+        reply_to(self._pack(wire.commit_reply(apply(self.tree, commit))), False)
+
+    def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        if any(request_type == "commit" for request_type, _ in wire.parse_batch(message)):
+            self._refuse()
+        super()._batch(message, reply_to)
+
+    def _admin(self, message: wire.Message, reply_to: ReplyCallback) -> None:
+        self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        primary = self._replica.primary
+        raise ReadOnlyReplica(
+            f"this is a replica of tree {self.name!r}, which accepts no writes: connect to its "
+            f"primary, {primary}",
+            value=primary,
+        )
