@@ -5,7 +5,9 @@ namespace ztf {
 
 nb::str str_of(std::string_view text) { return nb::str(text.data(), text.size()); }
 
-std::string_view text_of(nb::handle name, const char* field) {
+namespace {
+
+inline std::string_view text_or_error(nb::handle name, const char* field) {
   Py_ssize_t size = 0;
   const char* text =
       PyUnicode_Check(name.ptr()) ? PyUnicode_AsUTF8AndSize(name.ptr(), &size) : nullptr;
@@ -16,8 +18,12 @@ std::string_view text_of(nb::handle name, const char* field) {
   return {text, static_cast<std::size_t>(size)};
 }
 
+}  // namespace
+
+std::string_view text_of(nb::handle name, const char* field) { return text_or_error(name, field); }
+
 std::string_view frame_name_of(nb::handle name, const char* field) {
-  const std::string_view text = text_of(name, field);
+  const std::string_view text = text_or_error(name, field);
   if (text.empty()) raise_invalid(std::string(field) + " is empty", field);
   if (text[0] == '/') {
     nb::dict facts;

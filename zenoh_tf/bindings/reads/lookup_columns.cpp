@@ -145,18 +145,19 @@ struct Output {
   std::uint8_t* status;
   Stamp* stamp;
   double* pose;
-  bool is_starting = false;  // the tree's server
-  Stamp* gap = nullptr;      // null: not asked for
+  Stamp* gap;        // of lookups only
+  bool is_starting;  // the tree's server
 
   void store(std::size_t row, const Answer& a) const {
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-    status[row] = static_cast<std::uint8_t>(shown_code(a.failure, is_starting));
     stamp[row] = a.stamp;
-    if (gap) gap[row] = a.gap;
-    if (a.failure.code == Code::ok)
+    if (a.failure.code == Code::ok) [[likely]] {
+      status[row] = 0;
       std::copy_n(&a.pose.x, 7, pose + 7 * row);
-    else
+    } else {
+      status[row] = static_cast<std::uint8_t>(shown_code(a.failure, is_starting));
       std::fill_n(pose + 7 * row, 7, nan);
+    }
   }
 };
 
@@ -181,7 +182,10 @@ std::vector<std::size_t> look_up(const AnyTree& tree, const FrameColumn<AnyTree>
     for (std::size_t i = 0; i < portion; ++i)
       queries[i] = query_of_row(targets[done + i], sources[done + i], stamps[done + i], max_gap);
     tree.lookup_batch({queries.data(), portion}, {answers.data(), portion});
-    for (std::size_t i = 0; i < portion; ++i) out.store(done + i, answers[i]);
+    for (std::size_t i = 0; i < portion; ++i) {
+      out.store(done + i, answers[i]);
+      out.gap[done + i] = answers[i].gap;
+    }
     const auto are_current = [&](std::size_t begin, std::size_t end) {
       return targets.are_current(begin, end) && sources.are_current(begin, end);
     };
@@ -221,6 +225,7 @@ nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handl
       return query_of_row(targets.find_again(row), sources.find_again(row), stamps[row], max_gap);
     });
     out.store(row, answer);
+    out.gap[row] = answer.gap;
   }
   return nb::make_tuple(columns[0], columns[1], columns[2], columns[3]);
 }

@@ -80,8 +80,10 @@ LatestTransform latest_answer(const AnyTree& tree, const Answer& a, nb::handle t
 }
 
 template <class AnyTree>
-Query query_at(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
+Query query_at(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
+               Stamp max_gap = kNoGapLimit) {
   Query query = query_of(tree, Op::latest_common, target, source);
+  query.max_gap = max_gap;
   query.stamp = stamp_of(stamp, "stamp_ns");
   if (query.stamp != kNoStamp) query.op = Op::at;
   return query;
@@ -92,11 +94,7 @@ StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle sourc
                         nb::handle timeout, nb::handle max_gap_s) {
   const double timeout_s = timeout_of(timeout);
   const Stamp max_gap = max_gap_of(max_gap_s);
-  const auto query = [&] {
-    Query named = query_at(tree, target, source, stamp);
-    named.max_gap = max_gap;
-    return named;
-  };
+  const auto query = [&] { return query_at(tree, target, source, stamp, max_gap); };
   Answer a;
   std::string waited;
   if (timeout_s == 0.0) [[likely]]

@@ -18,11 +18,11 @@ struct Sample4 {
   }
 };
 
-// Returns how far each time lies between its two samples, from 0 to 1; 0 if they are the same. Sets
-// the nanoseconds between the samples; 0 where the ratio is.
+// Returns how far each time lies between its two samples, from 0 to 1; 0 if they are the same.
+// Raises `longest` to the nanoseconds between the samples.
 ZTF_ALWAYS_INLINE Double4 interpolation_ratios(const SampleInterval& a, const SampleInterval& b,
                                                const SampleInterval& c, const SampleInterval& d,
-                                               Double4& intervals) noexcept {
+                                               Double4& longest) noexcept {
   const auto acquire = std::memory_order_acquire;
   const Stamp from[4] = {a.older->stamp.load(acquire), b.older->stamp.load(acquire),
                          c.older->stamp.load(acquire), d.older->stamp.load(acquire)};
@@ -30,10 +30,10 @@ ZTF_ALWAYS_INLINE Double4 interpolation_ratios(const SampleInterval& a, const Sa
                      elapsed_ns(from[1], b.newer->stamp.load(acquire)),
                      elapsed_ns(from[2], c.newer->stamp.load(acquire)),
                      elapsed_ns(from[3], d.newer->stamp.load(acquire))};
+  longest = span > longest ? span : longest;
   const Double4 passed{elapsed_ns(from[0], a.time), elapsed_ns(from[1], b.time),
                        elapsed_ns(from[2], c.time), elapsed_ns(from[3], d.time)};
   const Double4 zero{};
-  intervals = passed > zero ? span : zero;
   return span > zero ? passed / span : zero;
 }
 
@@ -51,23 +51,21 @@ ZTF_ALWAYS_INLINE Double4 interpolation_ratios(const SampleInterval& a, const Sa
           component(&Pose::qy), component(&Pose::qz), component(&Pose::qw)};
 }
 
-// Interpolates each of the four, and sets how many nanoseconds over. Computes the rotations first,
-// to keep fewer values in registers.
+// Interpolates each of the four, and raises `longest` to the nanoseconds between its samples.
+// Computes the rotations first, to keep fewer values in registers.
 ZTF_ALWAYS_INLINE Pose4 interpolate(const SampleInterval& a, const SampleInterval& b,
                                     const SampleInterval& c, const SampleInterval& d,
-                                    Double4& intervals) noexcept {
+                                    Double4& longest) noexcept {
   const Sample4 older{*a.older, *b.older, *c.older, *d.older};
   const Sample4 newer{*a.newer, *b.newer, *c.newer, *d.newer};
-  const Double4 ratio = interpolation_ratios(a, b, c, d, intervals);
+  const Double4 ratio = interpolation_ratios(a, b, c, d, longest);
   const Double4 ax = older[3], bx = newer[3], ay = older[4], by = newer[4];
   const Double4 az = older[5], bz = newer[5], aw = older[6], bw = newer[6];
   const Double4 dot = (ax * bx + ay * by) + (az * bz + aw * bw);
   constexpr long long kSign = std::numeric_limits<long long>::min();
   const Int4 sign = reinterpret_cast<Int4>(dot) & kSign;  // q and -q are the same rotation
   const Double4 versine = 1.0 - flip_sign(dot, sign);
-  const double widest =
-      std::max(std::max(versine[0], versine[1]), std::max(versine[2], versine[3]));
-  if (!(widest < detail::kMaxVersine)) [[unlikely]]
+  if (!(largest(versine) < detail::kMaxVersine)) [[unlikely]]
     return interpolate_each({&a, &b, &c, &d}, ratio);
   Double4 wa, wb;
   detail::slerp_weights(versine, ratio, wa, wb);

@@ -27,18 +27,12 @@ inline constexpr Stamp kNoGapLimit = -1, kNoGaps = -2;
   return interval * (count - 2) > kGapPeriods * others;
 }
 
-// Returns the rate that may_be_gap() needs: the mean one, and a least one for histories that are
-// short, slow or of two parents. Every gap is longer than kSuspectPeriods by that rate.
+// Every gap is longer than kSuspectPeriods by this rate: the mean one, and a least one for
+// histories that are short, slow or of two parents. It sorts out the common case, which has no gap.
 inline constexpr double kSuspectPeriods = 1.6;
 ZTF_ALWAYS_INLINE double rate_for_gaps(const Frame& frame) noexcept {
   constexpr double kLeast = kSuspectPeriods / kLongestUnknown;
   return std::max(frame.samples_per_ns.load(std::memory_order_acquire), kLeast);
-}
-
-// Returns whether one of four intervals may be a gap: for the common case, in which none is.
-ZTF_ALWAYS_INLINE bool may_be_gap(Double4 intervals, Double4 rates) noexcept {
-  const Int4 suspect = intervals * rates > kSuspectPeriods + Double4{};
-  return (suspect[0] | suspect[1] | suspect[2] | suspect[3]) != 0;
 }
 
 // Returns whether an interval of the frame's history is longer than the limit allows.
@@ -53,7 +47,8 @@ inline Stamp interpolated_ns(const SampleInterval& interval) noexcept {
   const auto acquire = std::memory_order_acquire;
   const Stamp older = interval.older->stamp.load(acquire);
   if (interval.older == interval.newer || interval.time == older) return 0;
-  return static_cast<Stamp>(span_ns(older, interval.newer->stamp.load(acquire)));
+  constexpr std::uint64_t most = std::numeric_limits<Stamp>::max();
+  return static_cast<Stamp>(std::min(span_ns(older, interval.newer->stamp.load(acquire)), most));
 }
 
 }  // namespace ztf

@@ -16,6 +16,7 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 
 #include "records/frame.hpp"
 
@@ -57,7 +58,7 @@ class UniformHistory {
   // Requires the frame's ring, as it is now or was before.
   ZTF_ALWAYS_INLINE UniformHistory(const Frame& frame, Ring ring) noexcept
       : rate_(frame.samples_per_ns.load(std::memory_order_acquire)),
-        newest_(frame.latest.stamp.load(std::memory_order_acquire)),
+        newest_(is_rate(rate_) ? frame.latest.stamp.load(std::memory_order_acquire) : kNoStamp),
         oldest_(frame.oldest_stamp.load(std::memory_order_acquire)),
         ring_(ring),
         end_(frame.first.load(std::memory_order_acquire) +
@@ -67,7 +68,7 @@ class UniformHistory {
   // rate is 1 or more (mean_sample_rate()), but untrusted memory may say so: then the slot that
   // find() computes would not fit an integer.
   [[nodiscard]] ZTF_ALWAYS_INLINE bool contains(Stamp time) const noexcept {
-    return rate_ > 0 && rate_ < 1 && oldest_ <= time && time < newest_;
+    return oldest_ <= time && time < newest_;
   }
 
   // Sets the samples around a time. Returns false if they are not where the mean rate says.
@@ -87,8 +88,15 @@ class UniformHistory {
   [[nodiscard]] Ring ring() const noexcept { return ring_; }
 
  private:
+  // True above 0 and below 1, where numbers are ordered as their bits are.
+  static bool is_rate(double rate) noexcept {
+    constexpr auto one = std::bit_cast<std::uint64_t>(1.0);
+    return std::bit_cast<std::uint64_t>(rate) - 1 < one - 1;
+  }
+
   const double rate_;
-  const Stamp newest_, oldest_;
+  const Stamp newest_;  // kNoStamp, before which there is no time, without a rate
+  const Stamp oldest_;
   const Ring ring_;
   const std::uint32_t end_;  // the slot after the newest sample's
 };

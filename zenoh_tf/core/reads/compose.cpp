@@ -40,12 +40,12 @@ ZTF_ALWAYS_INLINE Pose compose_group(std::span<const PathStep> steps, Stamp& gap
   const auto step = [&](std::size_t i) -> const PathStep& {
     return steps[std::min(i, steps.size() - 1)];
   };
-  Double4 intervals;
-  const Pose4 poses = interpolate(step(0).interval, step(1).interval, step(2).interval,
-                                  step(3).interval, intervals);
+  Double4 spans{};
+  const Pose4 poses =
+      interpolate(step(0).interval, step(1).interval, step(2).interval, step(3).interval, spans);
   const Double4 rates{rate_for_gaps(*step(0).frame), rate_for_gaps(*step(1).frame),
                       rate_for_gaps(*step(2).frame), rate_for_gaps(*step(3).frame)};
-  if (may_be_gap(intervals, rates)) [[unlikely]]
+  if (largest(spans * rates) > kSuspectPeriods) [[unlikely]]
     gap = std::max(gap, longest_gap(steps));
   return product(steps.size(), [&](std::size_t i) { return lane(poses, i); });
 }

@@ -1,6 +1,8 @@
 // Computes a block link by link: each link at all times of the block, four times at once.
 #include "reads/sample_block.hpp"
 
+#include <utility>
+
 #include "histories/four_samples.hpp"
 #include "histories/gap.hpp"
 
@@ -12,34 +14,33 @@ ZTF_MULTIVERSION void SampleBlock::compose_link(const Frame& frame, Ring ring, b
   yield_point();
   // All samples are found before any pose is computed, so that the loads of the next times overlap
   // with each other instead of waiting for the arithmetic.
-  std::array<SampleInterval, kRows> intervals;
+  Intervals intervals;
   HistoryCursor cursor(frame, ring, ascending_);
   for (std::size_t row = 0; row < 4 * quads(); ++row) {
     const Stamp time = queries_[std::min(row, queries_.size() - 1)].stamp;
     if (!cursor.find(time, intervals[row])) unanswered_[row] = true;
   }
-  // With a limit every interval is compared with it.
-  const double rate = queries_[0].max_gap < 0 ? rate_for_gaps(frame) : 1e300;
-  const Double4 rates{rate, rate, rate, rate};
+  Double4 longest{};
   for (std::size_t quad = 0; quad < quads(); ++quad) {
     const SampleInterval* const four = &intervals[4 * quad];
-    Double4 over;
-    const Pose4 pose = interpolate(four[0], four[1], four[2], four[3], over);
-    if (may_be_gap(over, rates)) [[unlikely]]
-      find_gaps(frame, quad, {over[0], over[1], over[2], over[3]});
+    const Pose4 pose = interpolate(four[0], four[1], four[2], four[3], longest);
     poses[quad] = is_first ? pose : pose * poses[quad];
   }
+  // With a limit every interval is compared with it.
+  const double rate = queries_[0].max_gap < 0 ? rate_for_gaps(frame) : 1e300;
+  if (largest(longest) * rate > kSuspectPeriods) [[unlikely]]
+    find_gaps(frame, intervals);
 }
 
-// The slow path of finding gaps, for four rows of a link. A row over the limit stays unanswered.
-[[gnu::noinline]] void SampleBlock::find_gaps(const Frame& frame, std::size_t quad,
-                                              const double (&intervals)[4]) noexcept {
-  const Stamp limit = queries_[0].max_gap;
-  for (std::size_t i = 0; i < 4 && 4 * quad + i < queries_.size(); ++i) {
-    const std::size_t row = 4 * quad + i;
-    const auto interval = static_cast<Stamp>(std::min(intervals[i], 9e18));
-    if (exceeds(frame, interval, limit)) unanswered_[row] = true;
-    if (interval > answers_[row].gap && is_gap(frame, intervals[i])) answers_[row].gap = interval;
+// The slow path of finding gaps, for a link. A row over the limit stays unanswered.
+[[gnu::noinline]] void SampleBlock::find_gaps(const Frame& frame,
+                                              const Intervals& intervals) noexcept {
+  if (!std::exchange(has_gaps_, true)) gaps_.fill(0);
+  for (std::size_t row = 0; row < queries_.size(); ++row) {
+    const Stamp interval = interpolated_ns(intervals[row]);
+    if (exceeds(frame, interval, queries_[0].max_gap)) unanswered_[row] = true;
+    Stamp& gap = gaps_[row];
+    if (interval > gap && is_gap(frame, static_cast<double>(interval))) gap = interval;
   }
 }
 
@@ -52,7 +53,7 @@ void SampleBlock::compose_segment(const PathSegment& steps, std::span<const Ring
 ZTF_MULTIVERSION void SampleBlock::compute(const Chain& chain, std::span<const Ring> source_rings,
                                            std::span<const Ring> target_rings) noexcept {
   unanswered_.fill(false);
-  for (std::size_t row = 0; row < queries_.size(); ++row) answers_[row].gap = 0;
+  has_gaps_ = false;
   ascending_ = std::is_sorted(queries_.begin(), queries_.end(),
                               [](const Query& a, const Query& b) { return a.stamp < b.stamp; });
   Poses poses, from_target;
@@ -66,6 +67,7 @@ ZTF_MULTIVERSION void SampleBlock::compute(const Chain& chain, std::span<const R
     Answer& answer = answers_[row];
     answer.failure.code = Code::ok;
     answer.stamp = queries_[row].stamp;
+    answer.gap = has_gaps_ ? gaps_[row] : 0;
     answer.pose = lane(poses[row / 4], row % 4);
   }
 }

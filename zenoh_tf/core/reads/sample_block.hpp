@@ -38,16 +38,19 @@ class SampleBlock {
  private:
   // One pose for each row, four in an element.
   using Poses = std::array<Pose4, kRows / 4>;
+  using Intervals = std::array<SampleInterval, kRows>;  // of one link
 
   [[nodiscard]] std::size_t quads() const noexcept { return (queries_.size() + 3) / 4; }
   void compose_link(const Frame& frame, Ring ring, bool is_first, Poses& poses) noexcept;
-  void find_gaps(const Frame& frame, std::size_t quad, const double (&intervals)[4]) noexcept;
+  void find_gaps(const Frame& frame, const Intervals& intervals) noexcept;
   void compose_segment(const PathSegment& steps, std::span<const Ring> rings,
                        Poses& poses) noexcept;
 
   const std::span<const Query> queries_;
   const std::span<Answer> answers_;
   std::array<bool, kRows> unanswered_;
+  std::array<Stamp, kRows> gaps_;  // meaningful only if there are any
+  bool has_gaps_;
   bool ascending_;
 };
 
