@@ -125,3 +125,5 @@ def test_a_recorded_robot_is_within_the_bounds(target: str) -> None:
     assert len(array) > 500
     judged = np.column_stack([*errors(array[:, :7], array[:, 7:14]), array[:, 14:]])
     assert within(judged).mean() >= 0.9 - 3 * math.sqrt(0.09 / len(array))
+    if target == "odom":
+        assert np.median(judged[:, 2]) <= 2 * np.quantile(judged[:, 0], 0.9)

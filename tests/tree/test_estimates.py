@@ -91,6 +91,33 @@ def test_a_constant_twist_is_continued() -> None:
     assert off(inverse, circle(0.08).inverse()) < 1e-6
 
 
+@pytest.mark.parametrize("period_ms", [50, 100])
+@pytest.mark.parametrize("by_ms", [5, 20, 45])
+def test_the_bound_is_that_of_samples_as_old(period_ms: int, by_ms: int) -> None:
+    """A link that speeds up is off by more, the older its sample. Where samples come seldom, most
+    of the past instants have a sample that is older than the question's."""
+
+    def faster(seconds: float) -> Transform:
+        return Transform((seconds * seconds / 2, 0, 0))
+
+    tree = moving(faster, period_ns=period_ms * MS)
+    found = tree.estimate_transform("map", "base", END_NS + by_ms * MS)
+    error_m = off(found, faster(by_ms * 1e-3))
+    assert error_m <= found.error_m <= 2.5 * error_m
+
+
+@pytest.mark.parametrize("jump_m", [2.0, 50.0])
+def test_no_backtest_carries_a_link_over_a_gap(jump_m: float) -> None:
+    def jumped(seconds: float) -> Transform:
+        return Transform((0.5 * seconds + (jump_m if seconds > -1 else 0), 0, 0))
+
+    tree = TransformTree()
+    put(tree, jumped, range(END_NS - 9 * S, END_NS - 2 * S, 100 * MS))
+    put(tree, jumped, range(END_NS - 400 * MS, END_NS + 1, 100 * MS))
+    found = tree.estimate_transform("map", "base", END_NS + 80 * MS)
+    assert off(found, jumped(0.08)) <= found.error_m < 0.1
+
+
 def test_between_samples_it_interpolates() -> None:
     tree = moving(circle)
     found = tree.estimate_transform("map", "base", END_NS - 25 * MS)

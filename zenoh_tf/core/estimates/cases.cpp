@@ -59,20 +59,33 @@ namespace detail {
 
 namespace {
 
+// Returns whether sample i, which is not the newest, is followed by a gap.
+bool precedes_gap(const SampleRun& run, std::uint32_t i) noexcept {
+  const double interval = elapsed_ns(run.stamp(i), run.stamp(i + 1));
+  const double others = elapsed_ns(run.stamp(0), run.newest()) - interval;
+  return interval * (run.size() - 2) > kGapPeriods * others;
+}
+
 // Leaves out the instants in gaps, at which nothing was measured that an error could be counted
 // from.
-void drop_unmeasured(std::span<const SampleRun> runs, std::vector<Stamp>& times, Cases& cases) {
+void drop_unmeasured(std::span<const SampleRun> runs, const PathNow& path,
+                     std::vector<Stamp>& times, Cases& cases) {
   const std::size_t all = times.size();
   std::vector<bool> measured(all, true);
-  for (const SampleRun& run : runs) {
-    const double others = elapsed_ns(run.stamp(0), run.newest());
-    std::uint32_t at = 0;
+  const SampleRun* run = runs.data();
+  for (const LinkNow& link : path.links) {
+    if (link.kind == LinkNow::Kind::fixed) continue;
+    const Stamp lag = longest_lag(lag_bucket(link.lag));
+    std::uint32_t at = 0, cut = 0;
     for (std::size_t i = all; i-- > 0;) {  // from the oldest on
-      at = run.last_at(times[i], at);
-      if (at + 1 >= run.size()) continue;
-      const double interval = elapsed_ns(run.stamp(at), run.stamp(at + 1));
-      if (interval * (run.size() - 2) > kGapPeriods * (others - interval)) measured[i] = false;
+      at = run->last_at(times[i], at);
+      if (at + 1 < run->size() && precedes_gap(*run, at)) measured[i] = false;
+      if (link.kind != LinkNow::Kind::carried) continue;
+      cut = run->last_at(times[i] - lag, cut);
+      const std::uint32_t compared = run->last_at(run->stamp(cut) + lag, cut);
+      if (compared < at && precedes_gap(*run, compared)) measured[i] = false;
     }
+    ++run;
   }
   std::size_t kept = 0;
   for (std::size_t i = 0; i < all; ++i) {
@@ -127,7 +140,7 @@ std::vector<Stamp> choose_times(std::span<const SampleRun> runs, const PathNow& 
     times[i] = end - static_cast<Stamp>(share * span);
     cases.age_s[i] = share * cases.span_s;
   }
-  drop_unmeasured(runs, times, cases);
+  drop_unmeasured(runs, path, times, cases);
   return times;
 }
 
@@ -153,7 +166,7 @@ void copy_link_cases(const SampleRun& run, const LinkNow& link, std::span<const 
   std::uint32_t at = 0, cut = 0;
   for (std::size_t i = times.size(); i-- > 0;) {
     Case& c = out[i];
-    const Stamp time = times[i];
+    Stamp time = times[i];
     at = run.last_at(time, at);
     c.by_clock = {0, 0};
     if (link.clock_error > 0)
@@ -174,7 +187,9 @@ void copy_link_cases(const SampleRun& run, const LinkNow& link, std::span<const 
     cut = run.last_at(time - lag, cut);
     c.last = run.pose(cut);
     if (link.kind == Kind::held) continue;
-    const double carried = elapsed_ns(run.stamp(cut), time);
+    time = run.stamp(cut) + lag;
+    c.truth = run.pose_at(time, run.last_at(time, cut));
+    const auto carried = static_cast<double>(lag);
     for (std::size_t t = 0; t < kTwists; ++t) {
       const std::uint32_t before = cut - std::min(kTwistSteps[t], cut);
       c.before[t] = run.pose(before);

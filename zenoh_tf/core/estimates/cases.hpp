@@ -101,6 +101,9 @@ class SampleRun {
 };
 
 // Copies the cases of one link, from the oldest instant to the newest; `out` has the newest first.
+// The sample that the question carries on is as old as its lag, but at most instants no sample is.
+// So a link that is carried on is compared when its sample was that old, which is up to a period
+// before the instant.
 void copy_link_cases(const SampleRun& run, const LinkNow& link, std::span<const Stamp> times,
                      Case* out) noexcept;
 // Chooses the instants, newest first, and sets their ages. Returns none if the history of all links
