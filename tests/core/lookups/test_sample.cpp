@@ -8,7 +8,7 @@ using namespace ztf;
 
 namespace {
 
-void check_same(const World& w, const std::vector<Query>& queries) {
+void check_same_rows(const World& w, const std::vector<Query>& queries) {
   std::vector<Answer> answers(queries.size());
   w.tree.lookup_batch(queries, answers);
   for (std::size_t i = 0; i < queries.size(); ++i) {
@@ -21,13 +21,22 @@ void check_same(const World& w, const std::vector<Query>& queries) {
       CHECK(f.target == g.target && f.source == g.source && f.frame == g.frame &&
             f.parent == g.parent && f.target_root == g.target_root &&
             f.source_root == g.source_root && f.stamp == g.stamp && f.oldest == g.oldest &&
-            f.newest == g.newest);
+            f.newest == g.newest && f.max_gap == g.max_gap);
       continue;
     }
     CHECK_EQ(a.stamp, one.stamp);
+    CHECK_EQ(a.gap, one.gap);
     const double *x = &a.pose.x, *y = &one.pose.x;
     // The order of products differs.
     for (int k = 0; k < 7; ++k) CHECK_NEAR(x[k], y[k], 1e-13 * (1 + std::abs(y[k])));
+  }
+}
+
+// With any time between two samples, and with limits of it.
+void check_same(const World& w, std::vector<Query> queries) {
+  for (const Stamp limit : {kNoGapLimit, kNoGaps, Stamp{0}, Stamp{8}, Stamp{40}}) {
+    for (Query& query : queries) query.max_gap = limit;
+    check_same_rows(w, queries);
   }
 }
 
@@ -170,5 +179,30 @@ TEST_EACH_MODE(a_loop_of_past_links_has_a_second_chain) {
     for (const auto& [target, source] :
          {std::pair("arm", "base"), {"base", "arm"}, {"map", "base"}})
       check_same(w, at_times(w, target, source, stamps));
+  }
+}
+
+TEST(gaps_are_said_and_refused) {
+  // A sample each 10 ns, but none between 500 and 600.
+  World w;
+  for (Stamp stamp = 0; stamp <= 1000; stamp += 10)
+    if (stamp <= 500 || stamp >= 600) w.set("a", "b", stamp, some_pose(1));
+  const std::vector<Stamp> stamps{45, 495, 500, 505, 550, 599, 600, 605};  // enough for a block
+  const std::vector<Stamp> gaps{0, 0, 0, 100, 100, 100, 0, 0};
+  std::vector<Query> queries = at_times(w, "a", "b", stamps);
+  std::vector<Answer> answers(queries.size());
+  for (const Stamp limit : {kNoGapLimit, Stamp{100}, Stamp{99}, Stamp{10}, kNoGaps}) {
+    const bool refuses = limit != kNoGapLimit && limit < 100;
+    for (Query& query : queries) query.max_gap = limit;
+    w.tree.lookup_batch(queries, answers);
+    for (std::size_t i = 0; i < stamps.size(); ++i) {
+      const Failure& failure = answers[i].failure;
+      CHECK_EQ(failure.code, refuses && gaps[i] != 0 ? Code::gap : Code::ok);
+      if (failure.code == Code::ok)
+        CHECK_EQ(answers[i].gap, gaps[i]);
+      else
+        CHECK(failure.frame == w.id("b") && failure.parent == w.id("a") && failure.oldest == 500 &&
+              failure.newest == 600 && failure.max_gap == limit);
+    }
   }
 }
