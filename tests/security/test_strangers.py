@@ -8,8 +8,10 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import zenoh
 
 from tests.conftest import StartServer
 from tests.processes import forks
@@ -22,6 +24,7 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf_client import Credentials, TransformClient
+from zenoh_tf_client.session.links import opening
 
 from .conftest import PASSWORDS, Files, Serve, connect, tls_endpoint
 
@@ -256,3 +259,24 @@ def test_the_command_line(by_user: ServerProcess, files: Files, tmp_path: Path) 
     done = run(*endpoint, "--tls-ca", files.ca, *user, "frames")
     assert done.returncode == 1 and f"chmod 600 {password}" in done.stderr
     assert PASSWORDS["reader"] not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_server_that_comes_up_while_a_client_tries(
+    server: ServerProcess, monkeypatch: pytest.MonkeyPatch, several: bool
+) -> None:
+    """When the client looks for the reason, the server is there, as one that lets nobody in."""
+    tries: list[str] = []
+    try_endpoint = opening.try_endpoint
+
+    def too_early(endpoint: str, *arguments: Any) -> zenoh.Session | None:
+        tries.append(endpoint)
+        return None if len(tries) <= len(endpoints) else try_endpoint(endpoint, *arguments)
+
+    endpoints = [server.endpoint]
+    if several:
+        endpoints.append(server.endpoint.replace("127.0.0.1", "localhost"))
+    monkeypatch.setattr(opening, "try_endpoint", too_early)
+    with TransformClient.connect(endpoints if several else endpoints[0]) as tf:
+        assert tf.frames() == []
+    assert len(tries) == len(endpoints) + 1

@@ -21,6 +21,8 @@ from .credentials import Credentials, load_authorities, load_certificate
 _TIMEOUT_S: Final = 2.0
 #: How long a server may take to refuse a client's certificate after the handshake.
 _REFUSAL_S: Final = 0.3
+#: The field of the error if the server does not let the user in.
+_USER: Final = "user"
 
 #: The length of a message without bytes, to which Zenoh answers with the end of the connection.
 _EMPTY_MESSAGE: Final = b"\0\0"
@@ -57,8 +59,8 @@ def explain_all(
 def explain(endpoint: str, tree: str, timeout_s: float, credentials: Credentials) -> Failure:
     """The error for an endpoint that Zenoh could not connect to within `timeout_s`.
 
-    It is AccessDenied if another attempt would fail as well. Takes a few round trips; where nobody
-    answers, at most as long as the attempt, and two seconds.
+    It is AccessDenied if the server there does not let this client in, or cannot be trusted. Takes
+    a few round trips; where nobody answers, at most as long as the attempt, and two seconds.
     """
     where = zenoh_config.address(endpoint)
     protocol, _, address = where.partition("/")
@@ -221,6 +223,17 @@ def _speaks_tls(connection: socket.socket) -> bool:
         return False
 
 
+def is_final(failure: Failure, previous: Failure | None) -> bool:
+    """Whether another attempt would fail as well. `previous`: what an attempt before has shown.
+
+    A server that has come up since an attempt began looks like one that refuses the user. So that
+    must be found after two attempts.
+    """
+    if isinstance(failure, ServerUnavailable):
+        return False
+    return failure.field != _USER or isinstance(previous, AccessDenied)
+
+
 def _not_zenoh(where: str) -> Failure:
     return ServerUnavailable(f"{where} does not answer as Zenoh: is a zenoh-tf-server there?")
 
@@ -232,11 +245,11 @@ def _refused(where: str, credentials: Credentials) -> Failure:
         return AccessDenied(
             f"{where} wants a user and a password: give user and password (--user and "
             f"--password-file, ZENOH_TF_USER and ZENOH_TF_PASSWORD_FILE); {room}",
-            field="user",
+            field=_USER,
         )
     return AccessDenied(
         f"{where} refuses user {credentials.user!r}: no such user, or the wrong password; {room}",
-        field="user",
+        field=_USER,
     )
 
 

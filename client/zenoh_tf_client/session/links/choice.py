@@ -140,21 +140,21 @@ class Links:
     # --- several endpoints
 
     def _first_of_several(self, deadline_s: float) -> Link:
-        is_first = True
+        failure: TransformException | None = None
         while True:
             link, trees = self._round(self._endpoints, deadline_s)
             if link is not None:
                 return link
             is_last = time.monotonic() >= deadline_s
-            if trees is None and (is_first or is_last):
+            if trees is None and (is_last or not isinstance(failure, ServerUnavailable)):
+                previous = failure
                 failure = connect_failure.explain_all(
                     self._endpoints, self._tree, self._timeout_s, self._credentials
                 )
-                if is_last or not isinstance(failure, ServerUnavailable):
+                if is_last or connect_failure.is_final(failure, previous):
                     raise failure
             elif trees is not None and is_last:
                 raise self._no_server(trees)
-            is_first = False
             time.sleep(_HELLO_PERIOD_S)
 
     def _round(

@@ -17,7 +17,7 @@ import zenoh
 from zenoh_tf import threads, wire
 from zenoh_tf._net import connect_failure, zenoh_config
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
+from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf.mirrors.free_memory import limit_heaps
 
 from ..calls import OPENING, record_zenoh_use
@@ -51,19 +51,19 @@ def open_session(
     """
     deadline_s = time.monotonic() + timeout_s
     attempt_s = _FIRST_ATTEMPT_S
-    is_first = True
+    failure: TransformException | None = None
     while True:
         left_s = max(deadline_s - time.monotonic(), MIN_ATTEMPT_S)
         session = try_endpoint(endpoint, min(attempt_s, left_s), credentials)
         if session is not None:
             return session
-        if is_first or time.monotonic() >= deadline_s:
+        if not isinstance(failure, ServerUnavailable) or time.monotonic() >= deadline_s:
+            previous = failure
             failure = connect_failure.explain(endpoint, tree, timeout_s, credentials)
-            is_final = not isinstance(failure, ServerUnavailable)
-            if is_final or time.monotonic() >= deadline_s:
+            if connect_failure.is_final(failure, previous) or time.monotonic() >= deadline_s:
                 raise failure
-        is_first = False
-        attempt_s = min(2 * attempt_s, MAX_ATTEMPT_S)
+        if isinstance(failure, ServerUnavailable):
+            attempt_s = min(2 * attempt_s, MAX_ATTEMPT_S)
 
 
 def try_endpoint(endpoint: str, attempt_s: float, credentials: Credentials) -> zenoh.Session | None:
