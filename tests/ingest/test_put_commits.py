@@ -171,6 +171,15 @@ def test_a_refused_put_harms_no_other_of_its_turn(made: Committer) -> None:
     assert "LimitExceeded" in record["last_refusal"]
 
 
+def test_the_last_refusal_is_that_of_the_last_put(made: Committer) -> None:
+    """Also where one has no rows, and another is refused by the tree."""
+    rows_of_a_loop, no_message = message(("map", "map", 1)), b"\xc1"
+    made.run(put_of("a", rows_of_a_loop), put_of("a", no_message))
+    made.run(put_of("b", no_message), put_of("b", rows_of_a_loop))
+    assert made.record("a")["last_refusal"].startswith("ProtocolError")
+    assert made.record("b")["last_refusal"].startswith("InvalidArgumentException")
+
+
 def test_puts_of_an_authority_keep_their_order_over_kinds(made: Committer) -> None:
     puts = []
     for number in range(30):  # each replaces what the one before it has made

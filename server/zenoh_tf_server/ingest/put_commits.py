@@ -76,10 +76,15 @@ class PutCommits:
 
     def run(self, puts: list[Put]) -> None:
         """Commit puts in their order. Never raises: an error is counted and logged."""
-        kept, commits = self._decode(puts)
+        decoded = self._decode(puts)
+        outcomes = iter(self._commit([each for each in decoded if type(each) is wire.Commit]))
         stored_puts = stored_rows = old_rows = flagged_rows = bad_puts = 0
         measured = ""
-        for put, commit, outcome in zip(kept, commits, self._commit(commits), strict=True):
+        for put, commit in zip(puts, decoded, strict=True):
+            if isinstance(commit, _Refused):
+                self.refuse_put(put, commit.transforms, commit.error)
+                continue
+            outcome = next(outcomes)
             if outcome is None:
                 stored_rows += len(commit.rows)
             elif isinstance(outcome, Exception):
@@ -160,8 +165,8 @@ class PutCommits:
 
     # --- committing
 
-    def _decode(self, puts: list[Put]) -> tuple[list[Put], list[wire.Commit]]:
-        """The puts that have a transaction, and these. The others are refused."""
+    def _decode(self, puts: list[Put]) -> list[wire.Commit | _Refused]:
+        """The transaction of each put, or why there is none."""
         messages: list[bytes | None] = []  # those of this project's protocol
         for put in puts:
             if type(put.payload) is zenoh.ZBytes:
@@ -169,25 +174,22 @@ class PutCommits:
             is_message = type(put.payload) is bytes and put.decode is None
             messages.append(put.payload if is_message else None)
         limits, max_future_ns = self._limits, self._max_future_ns
-        kept: list[Put] = []
-        commits: list[wire.Commit] = []
+        decoded: list[wire.Commit | _Refused] = []
         rows = decode_puts(messages, limits.rows, limits.decoded_bytes)
         for put, plain in zip(puts, rows, strict=True):
             commit = wire.Commit(plain) if plain is not None else self._commit_of(put)
-            if commit is None:
-                continue
-            # The key counts, not the message: Zenoh's access control has checked the key.
-            commit.authority, commit.static = put.authority, put.static
-            commit.drop_old = commit.drop_bad = True
-            commit.drop_strays = not put.is_relayed
-            if max_future_ns is not None:
-                commit.max_stamp_ns = put.arrival_ns + max_future_ns
-            kept.append(put)
-            commits.append(commit)
-        return kept, commits
+            if type(commit) is wire.Commit:
+                # The key counts, not the message: Zenoh's access control has checked the key.
+                commit.authority, commit.static = put.authority, put.static
+                commit.drop_old = commit.drop_bad = True
+                commit.drop_strays = not put.is_relayed
+                if max_future_ns is not None:
+                    commit.max_stamp_ns = put.arrival_ns + max_future_ns
+            decoded.append(commit)
+        return decoded
 
-    def _commit_of(self, put: Put) -> wire.Commit | None:
-        """The transaction of a put that is no plain message; None if it is refused."""
+    def _commit_of(self, put: Put) -> wire.Commit | _Refused:
+        """The transaction of a put that is no plain message, or why there is none."""
         transforms = 1  # a message that cannot be parsed counts as one transform
         try:
             if type(put.payload) is TransformRows:
@@ -201,8 +203,7 @@ class PutCommits:
             self._limits.check("rows", transforms)
             self._limits.check_names(commit.rows.name_count)
         except Exception as error:
-            self.refuse_put(put, transforms, error)
-            return None
+            return _Refused(error, transforms)
         return commit
 
     def _count_rows(
@@ -237,3 +238,11 @@ class PutCommits:
             reason = self._future.describe(commit, rows[0])
             self._log.warn(f"put of {quoted(commit.authority)}: from the future", reason)
         return len(rows)
+
+
+@dataclass(slots=True)
+class _Refused:
+    """Why a put has no transaction, and how many transforms it counts as."""
+
+    error: Exception
+    transforms: int
