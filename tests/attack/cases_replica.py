@@ -149,7 +149,7 @@ def poisoned_mirrors(arena: Arena) -> list[Finding]:
         _client(primary) as writer,
         _client(replica) as tf,
         writer.mirror() as m,
-        _raw(replica) as opened,
+        _raw(primary) as opened,
     ):
         writer.set_transform(_pose(1))
         m.wait_for()

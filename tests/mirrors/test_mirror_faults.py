@@ -97,7 +97,7 @@ def test_a_mirror_behind_a_broken_link(
     pair = ("map", FRAMES[0])
     with (
         TcpProxy(server.endpoint) as proxy,
-        TransformClient.connect(proxy.endpoint, timeout_s=2, reads="query") as tf,
+        TransformClient.connect(proxy.endpoint, timeout_s=1, reads="query") as tf,
     ):
         with load(server) as stamps:
             m = tf.mirror(pairs)

@@ -21,6 +21,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Final
 
 import zenoh
@@ -162,6 +163,10 @@ class MirrorFeed:
         if self.closed:
             raise ServerUnavailable("the connection is closed")
         raise TimeoutException(f"the snapshot was not complete within {timeout_s:g} s")
+
+    def paused(self) -> AbstractContextManager[object]:
+        """While it is entered, nothing is applied. Must not last."""
+        return self._changed
 
     def connection_changed(self) -> None:
         """Listen in the connection's new session, where messages may come once more."""

@@ -16,6 +16,7 @@ import time
 import zenoh
 
 from zenoh_tf import TransformTree, threads, wire
+from zenoh_tf._core import InterestReader
 from zenoh_tf._net import keys
 from zenoh_tf.mirrors.feed import MirrorFeed
 
@@ -78,6 +79,15 @@ class Relay:
         if state.tree is not self._tree:  # it is about to be, or was
             return self._applied, 0
         return max(self._applied, state.seq), state.clock_ns
+
+    def read(
+        self, reader: InterestReader, with_all: bool, max_frames: int
+    ) -> tuple[tuple[int, bool, wire.Changes | None, wire.Changes | None], int]:
+        """As `CommitStream.read`."""
+        with self._feed.paused():  # else a change could be there before its number
+            seq, clock_ns = self.position()
+            _, reparented, changes, everything = reader.read(with_all, max_frames)
+        return (seq, reparented, changes, everything), clock_ns
 
     def last_seq(self) -> int:
         """As `CommitStream.last_seq`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from zenoh_tf import wire
+from zenoh_tf._core import InterestReader
 
 
 class CommitStream(Protocol):
@@ -16,6 +17,12 @@ class CommitStream(Protocol):
     def position(self) -> tuple[int, int]:
         """The number of a commit, and a time of the server's clock: a read of the tree from now on
         sees that commit and all before it, and all that was committed before that time."""
+
+    def read(
+        self, reader: InterestReader, with_all: bool, max_frames: int
+    ) -> tuple[tuple[int, bool, wire.Changes | None, wire.Changes | None], int]:
+        """Read an interest: what `InterestReader.read` returns, and a time of the server's clock:
+        all that was committed before it is in what was read."""
 
     def last_seq(self) -> int:
         """The number of a commit: what was read of the tree until now is of no later one."""

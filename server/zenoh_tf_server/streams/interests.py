@@ -94,8 +94,8 @@ class _Interest:
     def snapshot(self, room: int, settings: wire.TreeSettings) -> wire.SnapshotPlan:
         """All that there is. Publishes what of it is new, so that the stream continues from it."""
         with self._lock:
-            seq, clock_ns = self._stream.position()
-            _, reparented, changes, everything = self.reader.read(True, room)
+            found, clock_ns = self._stream.read(self.reader, True, room)
+            seq, reparented, changes, everything = found
             assert everything is not None
             self._put(seq, clock_ns, changes)
             bounds = wire.NO_BOUNDS
@@ -107,8 +107,7 @@ class _Interest:
             if self.period_s and time.monotonic() < self._state_s + self.period_s:
                 self._put(self.publisher.last, self._clock_ns, None)
                 return
-            seq, clock_ns = self._stream.position()
-            _, _, changes, _ = self.reader.read(False, room)
+            (seq, _, changes, _), clock_ns = self._stream.read(self.reader, False, room)
             self._put(seq, clock_ns, changes)
 
     def _put(self, last: int, clock_ns: int, changes: wire.Changes | None) -> None:

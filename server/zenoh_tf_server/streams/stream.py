@@ -19,7 +19,7 @@ from typing import Final
 import zenoh
 
 from zenoh_tf import TransformTree, threads, wire
-from zenoh_tf._core import ChangeLog
+from zenoh_tf._core import ChangeLog, InterestReader
 from zenoh_tf._net import keys
 
 from ..limits import Limits
@@ -68,6 +68,13 @@ class Stream:
         """As `CommitStream.position`."""
         clock_ns = time.monotonic_ns()  # in this order
         return self._log.last, clock_ns
+
+    def read(
+        self, reader: InterestReader, with_all: bool, max_frames: int
+    ) -> tuple[tuple[int, bool, wire.Changes | None, wire.Changes | None], int]:
+        """As `CommitStream.read`."""
+        clock_ns = time.monotonic_ns()  # in this order
+        return reader.read(with_all, max_frames), clock_ns
 
     def last_seq(self) -> int:
         """The number of the tree's last commit, which may be in progress."""

@@ -31,7 +31,7 @@ std::optional<InterestReader::Result> InterestReader::try_read(bool with_all,
                                                                std::size_t max_frames) {
   // A commit with a number up to this one makes readers wait for its frames (WriteLocks). If it
   // adds names, it also holds the topology mutex, until the names can be found.
-  const Seq seq = tree_.change_log->last_drawn();
+  const Seq seq = last_number();
   {
     const auto topology = lock_announced(tree_.topology);
   }
@@ -66,13 +66,19 @@ InterestReader::Result InterestReader::read_locked(bool with_all, std::size_t ma
   std::sort(ascending.begin(), ascending.end());
   const WriteLocks locks(tree_, ascending, true);
   // None of these frames changes any more, so what is new has a number up to this one.
-  const Seq seq = tree_.change_log->last_drawn();
+  const Seq seq = last_number();
   paths_.find(kNoReadLimit);
   check_frames(max_frames);
   copy_frames(with_all);
   Result result = make_result(seq, with_all);
   keep(result);
   return result;
+}
+
+// The number of the last commit. In a mirror's tree, which nobody else writes, that is the last one
+// that was replayed; its owner lets nothing be replayed during a read.
+Seq InterestReader::last_number() const noexcept {
+  return std::max(tree_.change_log->last_drawn(), tree_.replayed.load(std::memory_order_acquire));
 }
 
 // Throws Rejected if find() has found more frames. Requires that what it has read is valid: a torn

@@ -58,6 +58,7 @@ class InterestReader {
  private:
   [[nodiscard]] std::optional<Result> try_read(bool with_all, std::size_t max_frames);
   [[nodiscard]] Result read_locked(bool with_all, std::size_t max_frames);
+  [[nodiscard]] Seq last_number() const noexcept;
   void check_frames(std::size_t max_frames) const;
   void copy_frames(bool with_all);
   [[nodiscard]] bool is_valid() const;
