@@ -105,7 +105,7 @@ class PutCommits:
             self._refusals.accept(put.authority)
             if put.static or not len(commit.rows):
                 continue
-            if put.authority != measured:  # of puts that came together the first one tells most
+            if put.authority != measured:  # one of those that came together suffices
                 measured = put.authority
                 self._clocks.put_arrived(measured, put.arrival_ns, commit.rows.newest_stamp)
             if self._flags_future:

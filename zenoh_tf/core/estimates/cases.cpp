@@ -61,9 +61,8 @@ namespace {
 
 // Returns whether sample i, which is not the newest, is followed by a gap.
 bool precedes_gap(const SampleRun& run, std::uint32_t i) noexcept {
-  const double interval = elapsed_ns(run.stamp(i), run.stamp(i + 1));
-  const double others = elapsed_ns(run.stamp(0), run.newest()) - interval;
-  return interval * (run.size() - 2) > kGapPeriods * others;
+  return is_gap(elapsed_ns(run.stamp(i), run.stamp(i + 1)), elapsed_ns(run.stamp(0), run.newest()),
+                run.size());
 }
 
 // Leaves out the instants in gaps, at which nothing was measured that an error could be counted

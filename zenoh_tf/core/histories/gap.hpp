@@ -17,14 +17,20 @@ inline constexpr double kLongestUnknown = 1e9;  // ns
 // Limits of the time between two samples to interpolate over: any, or what is no gap.
 inline constexpr Stamp kNoGapLimit = -1, kNoGaps = -2;
 
+// Returns whether an interval is a gap in a history of `count` samples, which spans `whole`
+// nanoseconds. Requires two samples.
+inline bool is_gap(double interval, double whole, std::uint32_t count) noexcept {
+  return interval * (count - 2) > kGapPeriods * (whole - interval);
+}
+
 // Returns whether an interval of the frame's history, of that many nanoseconds, is a gap.
 [[gnu::noinline]] inline bool is_gap(const Frame& frame, double interval) noexcept {
   const auto acquire = std::memory_order_acquire;
   const std::uint32_t count = frame.count.load(acquire);
   if (count < 3) return interval > kLongestUnknown;
-  const double others =
-      elapsed_ns(frame.oldest_stamp.load(acquire), frame.latest.stamp.load(acquire)) - interval;
-  return interval * (count - 2) > kGapPeriods * others;
+  const double whole =
+      elapsed_ns(frame.oldest_stamp.load(acquire), frame.latest.stamp.load(acquire));
+  return is_gap(interval, whole, count);
 }
 
 // Every gap is longer than kSuspectPeriods by this rate: the mean one, and a least one for
