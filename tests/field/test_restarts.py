@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from tests.conftest import StartServer, linux
 from tests.processes.ports import free_endpoint
@@ -18,6 +19,7 @@ from tests.processes.router_process import RouterProcess
 from tests.processes.servers import ServerProcess
 from tests.support.waiting import wait_until
 from zenoh_tf import LookupException, StampedTransform, Transform
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerStarting, ServerUnavailable
 from zenoh_tf_client import AsyncTransformClient, Mirror, TransformClient, tf2
 from zenoh_tf_client.session.mapped_tree import Mode
@@ -202,6 +204,16 @@ def running(router: RouterProcess) -> Iterator[RouterProcess]:
         router.kill()
 
 
+def kill(server: ServerProcess, router: RouterProcess, tree: str) -> None:
+    """Kill a server, and wait until the router knows: a query that it sends to a link that is
+    breaking off may never end."""
+    with zenoh.open(zenoh_config.client([router.endpoint], 10)) as session:
+        served = session.declare_querier(keys.request(tree, "info"))
+        wait_until(lambda: served.matching_status.matching)
+        server.kill()
+        wait_until(lambda: not served.matching_status.matching)
+
+
 @pytest.mark.parametrize("tree", ["main", "site/robot 2"])
 def test_a_query_that_ends_at_once_is_sent_again(
     start_server: StartServer, monkeypatch: pytest.MonkeyPatch, tree: str
@@ -214,7 +226,7 @@ def test_a_query_that_ends_at_once_is_sent_again(
         server = start_server(*flags, endpoint=router.endpoint, tree=tree)
         with server.connect(100) as tf:
             tf.set_transform(link("map", "base"))
-            server.kill()
+            kill(server, router, tree)
             again = {"endpoint": router.endpoint, "tree": tree}
             restart = threading.Thread(target=start_server, args=flags, kwargs=again)
             restart.start()
@@ -230,7 +242,7 @@ def test_a_router_without_its_server_fails_soon(
     with running(RouterProcess(home.endpoint)) as router:
         server = start_server("--connect", router.endpoint, endpoint=router.endpoint)
         with server.connect(10_000) as tf:
-            server.kill()
+            kill(server, router, "main")
             for call in (tf.frames, lambda: tf.set_transform(link("map", "base"))):
                 with pytest.raises(ServerUnavailable):  # long before its time-out
                     call()

@@ -219,7 +219,9 @@ class Exchange:
         if not self.is_served(reply):
             # A refused write did not run, so it may be sent again; its expiry stays the same.
             deadline_s = now_ns * 1e-9 + self.timeout_s
-            reply = yield from retries.while_busy(self, reply, key, payload, deadline_s)
+            reply = yield from retries.while_busy(
+                self, reply, key, payload, deadline_s, writes=True
+            )
             if isinstance(reply, NoReply):
                 if reply.at_once:
                     yield from self._check_denied(request, server.instance)

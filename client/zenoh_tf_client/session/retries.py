@@ -95,9 +95,14 @@ def while_busy(
     key: zenoh.KeyExpr,
     payload: bytes,
     deadline_s: float,
+    writes: bool = False,
 ) -> Steps[wire.Message | NoReply]:
     """Return the reply to a query; send the query again as long as the server is busy and the
-    time is not over."""
+    time is not over.
+
+    A read that got refusals and then no reply within its time has been refused: the last try had
+    little time. A write may have been applied then.
+    """
     while True:
         exchange.check_instance(reply)
         if isinstance(reply, NoReply) or "error" not in reply:
@@ -112,4 +117,7 @@ def while_busy(
         if timeout_s <= 0:
             return reply
         yield Pause(pause_s)
-        reply = decode((yield Ask(key, payload, timeout_s)))
+        refusal, reply = reply, decode((yield Ask(key, payload, timeout_s)))
+        if isinstance(reply, NoReply) and not reply.at_once and not writes:
+            exchange.check_instance(reply)
+            return refusal
