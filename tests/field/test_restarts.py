@@ -209,9 +209,9 @@ def kill(server: ServerProcess, router: RouterProcess, tree: str) -> None:
     breaking off may never end."""
     with zenoh.open(zenoh_config.client([router.endpoint], 10)) as session:
         served = session.declare_querier(keys.request(tree, "info"))
-        wait_until(lambda: served.matching_status.matching)
+        wait_until(lambda: served.matching_status.matching)  # type: ignore[attr-defined]
         server.kill()
-        wait_until(lambda: not served.matching_status.matching)
+        wait_until(lambda: not served.matching_status.matching)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("tree", ["main", "site/robot 2"])
