@@ -8,7 +8,6 @@ import re
 import shutil
 import textwrap
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import Any, Final
 
 from zenoh_tf import wire
@@ -16,7 +15,7 @@ from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import size
 
-from .limits import Limits
+from .limits import SETTABLE, Limits
 
 #: The only limit with a flag of its own, which also accepts a unit.
 _MEMORY: Final = "memory"
@@ -61,10 +60,11 @@ def check(name: str, value: object) -> int:
             "the limit memory has a flag of its own, --max-memory (max-memory in the file)",
             field=name,
         )
-    names = [entry.name for entry in fields(Limits)]
-    if name not in names:
-        nearest = difflib.get_close_matches(name.replace("-", "_"), names, 3, 0.5)
+    if name not in SETTABLE:
+        nearest = difflib.get_close_matches(name.replace("-", "_"), SETTABLE, 3, 0.5)
         hint = f"did you mean {' or '.join(nearest)}?" if nearest else "--limit help lists all"
+        if name in Limits.__slots__:
+            hint = f"it is fixed at {getattr(Limits(), name):,}"
         raise InvalidArgumentException(f"there is no limit {quoted(name)}: {hint}", field=name)
     highest = _HIGHEST.get(name, _HIGHEST_OF_ALL)
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= highest:
@@ -82,7 +82,7 @@ def listing(width: int) -> Iterator[str]:
     yield ""
     for name, default, meaning in [
         ("NAME", "DEFAULT", "LIMITS"),
-        *((entry.name, str(entry.default), entry.metadata["meaning"]) for entry in fields(Limits)),
+        *((name, str(each.default), each.metadata["meaning"]) for name, each in SETTABLE.items()),
     ]:
         if name != _MEMORY:
             start = f"{name:<22}{default:>11}  "

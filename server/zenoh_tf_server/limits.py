@@ -17,24 +17,25 @@ from zenoh_tf.errors import LimitExceeded
 _NAMES_PER_ROW: Final = 3
 
 
-def _limit(default: int, meaning: str, when_hit: str) -> int:
-    value: int = field(default=default, metadata={"meaning": meaning, "when_hit": when_hit})
+def _limit(default: int, meaning: str, when_hit: str, is_set: bool = True) -> int:
+    about = {"meaning": meaning, "when_hit": when_hit, "is_set": is_set}
+    value: int = field(default=default, metadata=about)
     return value
+
+
+def _fixed(value: int, meaning: str, when_hit: str) -> int:
+    """A limit that no operator needs to change: there is neither a flag nor a key for it."""
+    return _limit(value, meaning, when_hit, is_set=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits of one server; ``--limit`` and the configuration file set them by name."""
+    """The limits of one server; ``--limit`` and the configuration file set those that are not
+    fixed, by name."""
 
     frames: int = _limit(1 << 20, "frames in the tree", "a write that names a new frame is refused")
     samples_per_frame: int = _limit(
         1 << 16, "samples kept per frame, within the cache time", "the oldest samples are evicted"
-    )
-    name_bytes: int = _limit(255, "UTF-8 bytes in a frame's name", "the request is refused")
-    depth: int = _limit(
-        1000,
-        "links between a frame and its root, and that a lookup follows from either frame",
-        "a write that puts a frame deeper is refused, a lookup in the past fails",
     )
     memory: int = _limit(
         4 << 30,
@@ -57,59 +58,13 @@ class Limits:
         "bytes of memory that one message takes when it is decoded",
         "the request is refused, a put is dropped and counted",
     )
-    links: int = _limit(
-        10_000_000,
-        "links of the lookups of one message: the sum of both frames' depths over all rows",
-        "the lookup is refused before it starts",
-    )
-    read_set: int = _limit(
-        1 << 19,
-        "frames read by one lookup with `atomic` or `versions`; with `atomic` each row counts",
-        "the lookup is refused",
-    )
-    listed: int = _limit(
-        100_000,
-        "names listed by `frames` and `chain` in one message, and frames counted by `stats` and "
-        "`authorities` after the first of them",
-        "a longer list of frames is sent in pages, or refused to a client that asks for all",
-    )
     reply_bytes: int = _limit(
         32 << 20,
         "bytes of one reply",
         "the request is refused, or in a batch the operations whose replies have no room",
     )
-    error_bytes: int = _limit(
-        1 << 20,
-        "bytes of the errors of failed rows in one reply",
-        "further rows that fail have only their status",
-    )
     pending_queries: int = _limit(
         4096, "queries received but not yet started", "the query is refused with `ServerBusy`"
-    )
-    client_pending_queries: int = _limit(
-        2048,
-        "queries of one client received but not yet started",
-        "the query is refused with `ServerBusy`",
-    )
-    pending_bytes: int = _limit(
-        128 << 20,
-        "bytes of queries received but not yet started",
-        "the query is refused with `ServerBusy`",
-    )
-    client_pending_bytes: int = _limit(
-        64 << 20,
-        "bytes of one client's queries received but not yet started",
-        "the query is refused with `ServerBusy`",
-    )
-    unread_reply_bytes: int = _limit(
-        64 << 20,
-        "bytes of replies that wait until a client reads",
-        "the client's queries are refused with `ServerBusy`",
-    )
-    all_unread_reply_bytes: int = _limit(
-        256 << 20,
-        "bytes of replies that wait until clients read",
-        "the queries of clients that have replies waiting are refused with `ServerBusy`",
     )
     waiters: int = _limit(
         20_000,
@@ -117,24 +72,10 @@ class Limits:
         "hold as many as are left free",
         "the lookup is refused with `ServerBusy`",
     )
-    waiter_links: int = _limit(
-        1_000_000,
-        "frames that waiting lookups watch, counted for each lookup; a client may hold as many "
-        "as are left free",
-        "the lookup is refused with `ServerBusy`",
-    )
-    wait_s: int = _limit(
-        600, "seconds that a lookup waits for a transform", "the lookup is refused"
-    )
     outcomes: int = _limit(
         200_000,
         "outcomes of writes, remembered until the write's expiry; a client may hold as many as "
         "are left free",
-        "the write is refused with `ServerBusy`",
-    )
-    outcome_bytes: int = _limit(
-        64 << 20,
-        "bytes of all remembered outcomes of writes; a client may hold as many as are left free",
         "the write is refused with `ServerBusy`",
     )
     startup_ms: int = _limit(
@@ -142,39 +83,16 @@ class Limits:
         "milliseconds after the server's start in which its publishers may not be back yet",
         "an unknown frame is `LookupException` again, no longer `ServerStarting`",
     )
-    default_expiry_s: int = _limit(
-        60,
-        "seconds until the expiry of a write that names none",
-        "the write expires: its outcome is forgotten, and it does not run any more",
-    )
-    refused_authorities: int = _limit(
-        1024,
-        "authorities remembered that had messages refused and none accepted",
-        "the one that was refused longest ago is forgotten",
-    )
     put_queue_bytes: int = _limit(
         32 << 20,
         "bytes of puts of one authority that wait to be committed",
         "its oldest dynamic put is dropped and counted; a static put that finds no room is refused",
-    )
-    put_queues_bytes: int = _limit(
-        256 << 20,
-        "bytes of puts of all authorities that wait to be committed",
-        "the same, with the authority that has the most waiting",
     )
     put_wait_ms: int = _limit(
         250,
         "milliseconds that a dynamic put waits to be committed",
         "if puts of other authorities wait as long, it is dropped and counted; the newest of each "
         "authority stays",
-    )
-    metrics_authorities: int = _limit(
-        100, "authorities with metrics of their own (`--metrics`)", "the others are summed as one"
-    )
-    change_log_bytes: int = _limit(
-        64 << 20,
-        "bytes of changes that wait to be published, while a mirror listens",
-        "changes are left out of the stream, and all mirrors load a new snapshot",
     )
     stream_bytes: int = _limit(
         64 << 20,
@@ -187,18 +105,12 @@ class Limits:
         "client may hold as many as are left free",
         "the mirror is refused with `ServerBusy`",
     )
-    interest_pairs: int = _limit(1000, "pairs of frames in one interest", "the mirror is refused")
     interest_frames: int = _limit(
         200_000,
         "frames that mirrors with an interest have, summed over all interests; a client always "
         "has an equal share of them, and more while some are free",
         "a mirror above its client's share is refused with `ServerBusy`, or gets nothing more; "
         "one of more frames than the limit gets `LimitExceeded`",
-    )
-    removed_statics: int = _limit(
-        10_000,
-        "static links remembered as removed, which broadcasters do not announce again",
-        "the one that was removed longest ago is forgotten",
     )
     connections: int = _limit(
         1200, "Zenoh connections to the embedded router", "the connection is refused"
@@ -208,7 +120,103 @@ class Limits:
         "robots that `--mirror-of 'PATTERN'` finds until the server ends; they share the frames",
         "a further robot is left out, and named in the log",
     )
-    robot_bytes: int = _limit(
+
+    name_bytes: int = _fixed(255, "UTF-8 bytes in a frame's name", "the request is refused")
+    depth: int = _fixed(
+        1000,
+        "links between a frame and its root, and that a lookup follows from either frame",
+        "a write that puts a frame deeper is refused, a lookup in the past fails",
+    )
+    links: int = _fixed(
+        10_000_000,
+        "links of the lookups of one message: the sum of both frames' depths over all rows",
+        "the lookup is refused before it starts",
+    )
+    read_set: int = _fixed(
+        1 << 19,
+        "frames read by one lookup with `atomic` or `versions`; with `atomic` each row counts",
+        "the lookup is refused",
+    )
+    listed: int = _fixed(
+        100_000,
+        "names listed by `frames` and `chain` in one message, and frames counted by `stats` and "
+        "`authorities` after the first of them",
+        "a longer list of frames is sent in pages, or refused to a client that asks for all",
+    )
+    error_bytes: int = _fixed(
+        1 << 20,
+        "bytes of the errors of failed rows in one reply",
+        "further rows that fail have only their status",
+    )
+    client_pending_queries: int = _fixed(
+        2048,
+        "queries of one client received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    pending_bytes: int = _fixed(
+        128 << 20,
+        "bytes of queries received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    client_pending_bytes: int = _fixed(
+        64 << 20,
+        "bytes of one client's queries received but not yet started",
+        "the query is refused with `ServerBusy`",
+    )
+    unread_reply_bytes: int = _fixed(
+        64 << 20,
+        "bytes of replies that wait until a client reads",
+        "the client's queries are refused with `ServerBusy`",
+    )
+    all_unread_reply_bytes: int = _fixed(
+        256 << 20,
+        "bytes of replies that wait until clients read",
+        "the queries of clients that have replies waiting are refused with `ServerBusy`",
+    )
+    waiter_links: int = _fixed(
+        1_000_000,
+        "frames that waiting lookups watch, counted for each lookup; a client may hold as many "
+        "as are left free",
+        "the lookup is refused with `ServerBusy`",
+    )
+    wait_s: int = _fixed(
+        600, "seconds that a lookup waits for a transform", "the lookup is refused"
+    )
+    outcome_bytes: int = _fixed(
+        64 << 20,
+        "bytes of all remembered outcomes of writes; a client may hold as many as are left free",
+        "the write is refused with `ServerBusy`",
+    )
+    default_expiry_s: int = _fixed(
+        60,
+        "seconds until the expiry of a write that names none",
+        "the write expires: its outcome is forgotten, and it does not run any more",
+    )
+    refused_authorities: int = _fixed(
+        1024,
+        "authorities remembered that had messages refused and none accepted",
+        "the one that was refused longest ago is forgotten",
+    )
+    put_queues_bytes: int = _fixed(
+        256 << 20,
+        "bytes of puts of all authorities that wait to be committed",
+        "the same, with the authority that has the most waiting",
+    )
+    metrics_authorities: int = _fixed(
+        100, "authorities with metrics of their own (`--metrics`)", "the others are summed as one"
+    )
+    change_log_bytes: int = _fixed(
+        64 << 20,
+        "bytes of changes that wait to be published, while a mirror listens",
+        "changes are left out of the stream, and all mirrors load a new snapshot",
+    )
+    interest_pairs: int = _fixed(1000, "pairs of frames in one interest", "the mirror is refused")
+    removed_statics: int = _fixed(
+        10_000,
+        "static links remembered as removed, which broadcasters do not announce again",
+        "the one that was removed longest ago is forgotten",
+    )
+    robot_bytes: int = _fixed(
         256 << 20,
         "bytes of robots' messages (`--mirror-of`) that wait to be applied, of all together; a "
         "robot may hold as many as are left free",
@@ -233,10 +241,10 @@ class Limits:
         )
 
     def describe(self, name: str, value: int) -> str:
-        """What is wrong with a `value` above the limit `name`, and the flag."""
-        limit: int = getattr(self, name)
-        meaning = next(entry.metadata["meaning"] for entry in fields(self) if entry.name == name)
-        return f"{value} {meaning.partition(';')[0]}: the limit is {limit} (--limit {name}=N)"
+        """What is wrong with a `value` above the limit `name`, and the flag if there is one."""
+        about = next(entry.metadata for entry in fields(self) if entry.name == name)
+        limit = f"{getattr(self, name)}{f' (--limit {name}=N)' if about['is_set'] else ''}"
+        return f"{value} {about['meaning'].partition(';')[0]}: the limit is {limit}"
 
     def budget(self) -> Budget:
         """What one message may cost."""
@@ -256,15 +264,22 @@ class Limits:
         return asdict(self)
 
 
+#: The limits that an operator may set, by name.
+SETTABLE: Final = {entry.name: entry for entry in fields(Limits) if entry.metadata["is_set"]}
+
+
 def table() -> Iterator[str]:
-    """The lines of the table in docs/reference/limits.md."""
-    yield "| limit | default | of what | when hit |"
-    yield "|---|---|---|---|"
-    for entry in fields(Limits):
-        yield (
-            f"| {entry.name} | {entry.default:,} "
-            f"| {entry.metadata['meaning']} | {entry.metadata['when_hit']} |"
-        )
+    """The lines of the two tables in docs/reference/limits.md: what can be set, and what is
+    fixed."""
+    for is_set, head in ((True, "limit | default"), (False, "fixed | value")):
+        yield f"| {head} | of what | when hit |"
+        yield "|---|---|---|---|"
+        for entry in fields(Limits):
+            if entry.metadata["is_set"] == is_set:
+                yield (
+                    f"| {entry.name} | {entry.default:,} "
+                    f"| {entry.metadata['meaning']} | {entry.metadata['when_hit']} |"
+                )
 
 
 if __name__ == "__main__":

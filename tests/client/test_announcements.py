@@ -10,6 +10,7 @@ from typing import Any, cast
 import pytest
 
 from tests.conftest import StartServer
+from tests.processes.live_server import limited
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess
 from tests.processes.tcp_proxy import TcpProxy
@@ -321,9 +322,8 @@ def test_of_two_announcements_the_newest_stamp_counts(
     assert (x_of(tf, "arm"), tf.frame("arm").authority) == (5, "old")
 
 
-def test_removals_are_forgotten_at_the_limit(start_server: StartServer) -> None:
-    server = start_server("--limit", "removed_statics=2")
-    with server.connect() as tf:
+def test_removals_are_forgotten_at_the_limit() -> None:
+    with limited(removed_statics=2) as server, server.connect() as tf:
         names = ["a", "b", "c"]
         for name in names:
             tf.set_transform(link("base", name), static=True)

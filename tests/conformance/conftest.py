@@ -5,76 +5,19 @@ from __future__ import annotations
 import asyncio
 import functools
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import pytest
 
-from tests.processes.ports import free_endpoint
-from tests.processes.servers import count_start
+from tests.processes.live_server import LiveServer, running_loop
 from zenoh_tf import TransformTree
-from zenoh_tf_client import TransformClient
-from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.sharing import SharingSettings
-from zenoh_tf_server.server import Server
-from zenoh_tf_server.settings import ServerSettings
+from zenoh_tf_server.settings import Concurrency
 
 from .shorthand import MODES, Tree
-
-Concurrency = Literal["optimistic", "2pl", "giant"]
-
-
-class LiveServer:
-    """The service as ``zenoh-tf-server`` runs it, with a router of its own on a loopback port.
-
-    It runs in this process, so that each test can start one quickly. Its clients still reach it
-    through Zenoh over TCP.
-    """
-
-    def __init__(
-        self,
-        loop: asyncio.AbstractEventLoop,
-        concurrency: Concurrency,
-        sharing: SharingSettings,
-        **settings: Any,
-    ) -> None:
-        self.endpoint = free_endpoint()
-        defaults: dict[str, Any] = {
-            "tree": "main",
-            "listen": [self.endpoint],
-            "connect": [],
-            "cache_time_s": 10.0,
-            "concurrency": concurrency,
-            "one_authority_per_frame": False,
-            "time_jump": "reject",
-            "workers": 2,
-            "limits": Limits(),
-            "sharing": sharing,
-        }
-        self.settings = ServerSettings(**defaults | settings)
-        self._loop = loop
-        self._server: Server | None = None
-        self.start()
-
-    def start(self) -> None:
-        """Start with an empty tree, after `stop` at the same endpoint again."""
-        assert self._server is None
-        self._server = Server(self.settings, self._loop)
-        count_start()
-
-    def stop(self) -> None:
-        server, self._server = self._server, None
-        if server is not None:
-            server.close()
-
-    def connect(self) -> TransformClient:
-        """Return another client. The caller closes it."""
-        tf = TransformClient.connect(self.endpoint)
-        assert tf.reads == ("shared" if self.settings.sharing.on else "query")
-        return tf
 
 
 @pytest.fixture(params=MODES)
@@ -85,14 +28,8 @@ def mode(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="session")
 def loop() -> Iterator[asyncio.AbstractEventLoop]:
-    """The event loop of the servers, on a thread of its own."""
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever)
-    thread.start()
-    yield loop
-    loop.call_soon_threadsafe(loop.stop)
-    thread.join()
-    loop.close()
+    with running_loop() as loop:
+        yield loop
 
 
 StartLive = Callable[..., LiveServer]

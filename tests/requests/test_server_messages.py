@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import StartServer
+from tests.processes.live_server import limited
 from tests.processes.servers import ServerProcess
 from tests.support import messages
 from tests.support.raw import Raw, raw
@@ -131,8 +132,7 @@ def test_outcomes_are_bounded_and_forgotten_after_expiry(start_server: StartServ
 
 def test_limits_name_themselves(start_server: StartServer) -> None:
     server = start_server(
-        "--limit", "rows=10", "--limit", "message_bytes=2000", "--limit", "name_bytes=8",
-        "--limit", "frames=4",
+        "--limit", "rows=10", "--limit", "message_bytes=2000", "--limit", "frames=4",
     )  # fmt: skip
     with raw(server.endpoint) as wires, server.connect() as tf:
         link = StampedTransform("map", "base", 1, Transform())
@@ -154,7 +154,7 @@ def test_limits_name_themselves(start_server: StartServer) -> None:
         big = wires.error("lookup", b"x" * 2001)
         assert isinstance(big, LimitExceeded) and big.field == "message_bytes"
         with pytest.raises(LimitExceeded):
-            tf.set_transform(StampedTransform("map", "123456789", 1, Transform()))
+            tf.set_transform(StampedTransform("map", "x" * 256, 1, Transform()))
         with pytest.raises(LimitExceeded):
             tf.set_transforms_xact(
                 [StampedTransform("map", f"f{row}", 1, Transform()) for row in range(5)]
@@ -224,9 +224,12 @@ def test_refusals_are_counted_per_authority(wires: Raw, client: TransformClient)
     assert {record.name: record.refused for record in client.authorities()}["good"] == 0
 
 
-def test_authorities_with_nothing_but_refusals_are_bounded(start_server: StartServer) -> None:
-    server = start_server("--limit", "refused_authorities=2")
-    with raw(server.endpoint) as wires, server.connect() as tf:
+def test_authorities_with_nothing_but_refusals_are_bounded() -> None:
+    with (
+        limited(refused_authorities=2) as server,
+        raw(server.endpoint) as wires,
+        server.connect() as tf,
+    ):
         wires.put("good", commit())
         wires.put("good", b"garbage")
         for count, name in enumerate(("a", "b", "a", "c"), 2):

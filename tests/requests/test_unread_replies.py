@@ -16,6 +16,7 @@ from tests.support.raw import raw
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LimitExceeded
 from zenoh_tf_client import TransformClient
+from zenoh_tf_server.limits import Limits
 
 pytestmark = pytest.mark.slow
 
@@ -124,12 +125,12 @@ def test_requests_of_a_client_with_many_unread_replies_are_refused(
 ) -> None:
     # Room for 7 of 20 replies. The refusals, which hold their requests of 2 MB, do not add up to
     # twice the limit, at which the client would be cut off.
-    server = start_server("--limit", "unread_reply_bytes=60000000")
+    server = start_server()
     with server.connect(30.0) as tf:
         fill(tf)
         reader = start_reader(server, count=20)
         reader.ask_and_freeze()
-        while (counters := tf.stats())["unread_reply_bytes"] < 60_000_000:
+        while (counters := tf.stats())["unread_reply_bytes"] < Limits().unread_reply_bytes:
             tf.lookup_transform("map", "base")  # another client is not refused
         while counters["pending_queries"]:
             counters = tf.stats()

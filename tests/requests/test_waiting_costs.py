@@ -11,6 +11,7 @@ import pytest
 
 from tests.conftest import StartServer
 from tests.processes import forks
+from tests.processes.live_server import limited
 from tests.processes.server_costs import cost_of, fill_chain, lookup
 from tests.processes.servers import ServerProcess
 from tests.support.raw import Raw, raw
@@ -57,11 +58,15 @@ def test_waiting_rows_times_depth(server: ServerProcess, wires: Raw) -> None:
 
 
 @pytest.mark.slow
-def test_frames_that_move_below_waiting_lookups(start_server: StartServer) -> None:
+def test_frames_that_move_below_waiting_lookups() -> None:
     """The tree counts what is watched in fact: a chain that grows after the lookups were parked
     does not make them watch more than is allowed."""
-    server = start_server("--limit", "waiter_links=2000")
-    with raw(server.endpoint) as wires, server.connect() as tf, ThreadPoolExecutor(1) as pool:
+    with (
+        limited(waiter_links=2000) as server,
+        raw(server.endpoint) as wires,
+        server.connect() as tf,
+        ThreadPoolExecutor(1) as pool,
+    ):
         tf.set_transform(StampedTransform("a", "b", 1, Transform()))
         asked = pool.submit(wires.query, "lookup", waiting(100, "b", "island", 10.0), 20.0)
         until_waiters(tf, 100)
@@ -74,15 +79,13 @@ def test_frames_that_move_below_waiting_lookups(start_server: StartServer) -> No
         until_waiters(tf, 0)
 
 
-def test_a_wait_has_a_limit(wires: Raw, start_server: StartServer) -> None:
+def test_a_wait_has_a_limit(wires: Raw, client: TransformClient) -> None:
     error = wires.error("lookup", waiting(1, "a", "b", 601.0))
     assert isinstance(error, LimitExceeded)
     assert (error.field, error.limit, error.value) == ("timeout_s", 600, 601.0)
-    server = start_server("--limit", "wait_s=2")
-    with server.connect() as tf:
-        with pytest.raises(LimitExceeded) as caught:
-            tf.lookup_transform("a", "b", timeout_s=3.0)
-        assert (caught.value.field, caught.value.limit) == ("timeout_s", 2)
+    with pytest.raises(LimitExceeded) as caught:
+        client.lookup_transform("a", "b", timeout_s=601.0)
+    assert (caught.value.field, caught.value.limit) == ("timeout_s", 600)
 
 
 WAITER = """

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.conftest import StartServer
+from tests.processes.live_server import limited
 from tests.processes.server_costs import cost_of, lookup
 from tests.processes.servers import ServerProcess
 from tests.support import messages
@@ -75,9 +75,12 @@ def test_an_outcome_holds_the_writes_part_only(server: ServerProcess, wires: Raw
     assert cost.kept_mb < 60.0
 
 
-def test_a_greedy_client_exhausts_only_its_own_share(start_server: StartServer) -> None:
-    server = start_server("--limit", "outcome_bytes=4000")
-    with raw(server.endpoint) as wires, server.connect() as tf:
+def test_a_greedy_client_exhausts_only_its_own_share() -> None:
+    with (
+        limited(outcome_bytes=4000) as server,
+        raw(server.endpoint) as wires,
+        server.connect() as tf,
+    ):
         until = clock_ns(wires) + 60_000_000_000
 
         def commit_until_refused() -> TransformException:
@@ -96,9 +99,8 @@ def test_a_greedy_client_exhausts_only_its_own_share(start_server: StartServer) 
         assert tf.stats()["outcomes"] > 2
 
 
-def test_a_write_that_names_no_expiry_has_a_short_one(start_server: StartServer) -> None:
-    server = start_server("--limit", "default_expiry_s=1")
-    with raw(server.endpoint) as wires:
+def test_a_write_that_names_no_expiry_has_a_short_one() -> None:
+    with limited(default_expiry_s=1) as server, raw(server.endpoint) as wires:
         wires.query("commit", write(1, id=os.urandom(16)))
         deadline = time.monotonic() + 20
         while True:

@@ -3,16 +3,15 @@ table of limits."""
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from zenoh_tf import wire
 from zenoh_tf_server import flags, limit_flags
-from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.limits import SETTABLE, Limits
 
-NAMES = [entry.name for entry in fields(Limits) if entry.name != "memory"]
+NAMES = [name for name in SETTABLE if name != "memory"]
 
 
 def parse(*arguments: str) -> Limits:
@@ -96,6 +95,7 @@ def test_wrong_flags_are_explained(
         ("row=1", "there is no limit 'row': did you mean rows?"),
         ("max-frames=1", "there is no limit 'max-frames': did you mean frames or "),
         ("samples-per-frame=1", "did you mean samples_per_frame"),
+        ("depth=1", "there is no limit 'depth': it is fixed at 1,000"),
         ("zzzz=1", "there is no limit 'zzzz': --limit help lists all"),
         ("memory=1G", "memory has a flag of its own, --max-memory"),
         ("rows", "'rows' is not NAME=VALUE or help"),

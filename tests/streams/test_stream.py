@@ -13,6 +13,7 @@ import pytest
 import zenoh
 
 from tests.conftest import StartServer
+from tests.processes.live_server import LiveServer, limited
 from tests.processes.servers import ServerProcess
 from tests.support.raw import Raw, raw
 from tests.support.small_robot import stamped
@@ -113,7 +114,7 @@ def snapshot(client: Raw, tree: TransformTree, replay: ChangeReplay) -> tuple[st
 
 
 @contextmanager
-def listening(server: ServerProcess) -> Iterator[Listener]:
+def listening(server: ServerProcess | LiveServer) -> Iterator[Listener]:
     with raw(server.endpoint) as client:
         listener = Listener(client)
         try:
@@ -189,9 +190,12 @@ def test_forgotten_messages_are_not_sent(start_server: StartServer) -> None:
         assert tf.stats()["stream_kept_bytes"] <= 2000
 
 
-def test_a_log_that_overflows_is_a_gap(start_server: StartServer) -> None:
-    server = start_server("--limit", "change_log_bytes=3000")
-    with server.connect() as tf, listening(server) as listener:
+def test_a_log_that_overflows_is_a_gap() -> None:
+    with (
+        limited(change_log_bytes=3000) as server,
+        server.connect() as tf,
+        listening(server) as listener,
+    ):
         listener.load()
         small, large = [stamped("small", 1)], [stamped(f"frame{i}", 1) for i in range(100)]
         tf.set_transforms_xact(small)

@@ -261,8 +261,7 @@ def name(message: Message, field: str, max_bytes: int) -> str:
     value = text(message, field)
     if len(value) * 4 > max_bytes and (size := len(value.encode())) > max_bytes:
         raise LimitExceeded(
-            f"{field} is {quoted(value)} of {size} bytes: the limit is {max_bytes} "
-            "(--limit name_bytes=N)",
+            f"{field} is {quoted(value)} of {size} bytes: the limit is {max_bytes}",
             field="name_bytes",
             limit=max_bytes,
             value=size,

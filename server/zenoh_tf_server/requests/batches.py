@@ -30,7 +30,7 @@ NO_ROOM: Final = wire.pack(
     }
 )
 #: An error of an operation is shortened beyond the limit on bytes of errors.
-_SHORT: Final = "no room for details (--limit error_bytes=N)"
+_SHORT: Final = "no room for details"
 #: Most operations of a batch.
 _MAX_OPERATIONS: Final = 25_000
 #: After so many rows, other threads may run.

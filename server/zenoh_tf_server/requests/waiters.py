@@ -212,7 +212,7 @@ class Waiters:
             timeout_s = lookup.timeout_ns * 1e-9
             raise LimitExceeded(
                 f"timeout_s is {timeout_s:g} s: the server lets a lookup wait for {longest_s} s "
-                "at most (--limit wait_s=N)",
+                "at most",
                 field="timeout_s",
                 limit=longest_s,
                 value=timeout_s,

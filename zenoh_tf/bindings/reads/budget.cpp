@@ -18,7 +18,7 @@ void Budget::Share::exceeded(std::uint64_t value) const {
   facts["value"] = value;
   raise(make_error(Code::limit,
                    "at least " + std::to_string(value) + " " + meaning_ + ": the limit is " +
-                       std::to_string(limit_) + " (--limit " + field_ + "=N)",
+                       std::to_string(limit_),
                    facts));
 }
 

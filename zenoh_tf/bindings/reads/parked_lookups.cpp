@@ -186,7 +186,7 @@ nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
 
 std::string ParkedLookups::refusal() const {
   return "the lookup cannot wait: all waiting lookups watch " + std::to_string(max_links_) +
-         " frames, the limit (--limit waiter_links=N)";
+         " frames, the limit";
 }
 
 void WakeQueue::push(ParkedRow& row) noexcept {
