@@ -60,7 +60,7 @@ class Writer:
     """A recording."""
 
     def __init__(self, path: Path) -> None:
-        self._writer = RecordingWriter(path, "ros2", {})
+        self._writer = RecordingWriter(path, {})
 
     def add(
         self, at_s: float, rows: Iterable[Row], *, static: bool = False, late_s: float = 0.0

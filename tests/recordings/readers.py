@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 
@@ -21,31 +19,6 @@ def rows(columns: Any) -> list[tuple[Any, ...]]:
             strict=True,
         )
     ]
-
-
-def read_with_foxglove(path: Path) -> list[tuple[str, list[tuple[Any, ...]]]]:
-    """As the schema in the file says, not as we know it."""
-    found = []
-    with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for schema, channel, _, message in reader.iter_decoded_messages():
-            assert schema is not None and schema.name == "foxglove.FrameTransforms"
-            found.append(
-                (
-                    channel.topic,
-                    [
-                        (
-                            row.parent_frame_id,
-                            row.child_frame_id,
-                            row.timestamp.ToNanoseconds(),
-                            *(getattr(row.translation, axis) for axis in "xyz"),
-                            *(getattr(row.rotation, axis) for axis in "xyzw"),
-                        )
-                        for row in message.transforms
-                    ],
-                )
-            )
-    return found
 
 
 def read_with_rosbags(path: Path) -> list[tuple[str, list[tuple[Any, ...]]]]:

@@ -233,7 +233,7 @@ def test_the_last_sample_of_a_stamp_since_1970(tmp_path: Path) -> None:
     """A double would be up to 256 ns beside it."""
     first_ns, last_ns = 1_714_741_170_123_456_789, 1_714_741_190_987_654_321
     path = tmp_path / "run.mcap"
-    writer = RecordingWriter(path, "ros2", {})
+    writer = RecordingWriter(path, {})
     for stamp_ns in (first_ns, last_ns):
         row = ("map", "base_link", stamp_ns, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
         writer.write(stamp_ns, False, TransformRows.of_tuples([row]))

@@ -7,7 +7,7 @@ Needs the libraries of ``pip install 'zenoh-tf[recordings]'``. A recording has o
     containers/ -> decoders.py, poses.py -> recording.py -> load.py
     raw messages   their rows               topics.py       a tree
 
-`writer.py` makes a file, and `repair.py` one from a damaged file.
+`writer.py` makes a file.
 """
 
 from __future__ import annotations

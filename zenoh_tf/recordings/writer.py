@@ -1,4 +1,4 @@
-"""Writes recordings: MCAP files with Foxglove's FrameTransforms or ROS 2's TFMessage.
+"""Writes recordings: MCAP files with ROS 2's TFMessage.
 
 What was written before the last `flush` can be read even if the process is killed: a flush ends a
 chunk, and readers that find no end of the file read it from its beginning.
@@ -6,15 +6,12 @@ chunk, and readers that find no end of the file read it from its beginning.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from .._core import TransformRows
 from ..ros2.cdr import encode_tf_message
 from .errors import missing_library
-
-Format = Literal["foxglove", "ros2"]
 
 #: A chunk is written when it has this many bytes, or by `flush`.
 _CHUNK_BYTES: Final = 1 << 20
@@ -69,12 +66,11 @@ float64 w 1
 class RecordingWriter:
     """A new MCAP file with the topics /tf and /tf_static. Thread safety: one thread at a time."""
 
-    def __init__(self, path: Path, form: Format, metadata: dict[str, str]) -> None:
+    def __init__(self, path: Path, metadata: dict[str, str]) -> None:
         """Begin the file.
 
         Args:
             path: Where it is made; nothing may be there.
-            form: The messages: Foxglove's FrameTransforms, or ROS 2's TFMessage.
             metadata: What the file says of its origin.
 
         Raises:
@@ -85,18 +81,23 @@ class RecordingWriter:
             from mcap.writer import Writer  # noqa: PLC0415 - an extra
         except ImportError as error:
             raise missing_library(error) from error
-        register, self._encode = _ros2() if form == "ros2" else _foxglove()
         self._file = path.open("xb")
         self._writer: Any = Writer(self._file, chunk_size=_CHUNK_BYTES)
-        self._writer.start(profile="ros2" if form == "ros2" else "")
+        self._writer.start(profile="ros2")
         self._writer.add_metadata("zenoh-tf", metadata)
-        self._channels = register(self._writer)
+        schema = self._writer.register_schema(_ROS2_TYPE, "ros2msg", _ROS2_SCHEMA.encode())
+        #: Of moving transforms and of static ones.
+        self._channels = [
+            self._writer.register_channel(
+                topic,
+                "cdr",
+                schema,
+                {"offered_qos_profiles": _QOS.format(depth=depth, durability=durability)},
+            )
+            # 2: volatile, 1: transient local
+            for topic, depth, durability in (("/tf", 100, 2), ("/tf_static", 1, 1))
+        ]
         self._file.flush()
-
-    @property
-    def bytes(self) -> int:
-        """The size of the file so far."""
-        return self._file.tell()
 
     def write(self, log_ns: int, static: bool, rows: TransformRows) -> None:
         """Add a message.
@@ -107,12 +108,12 @@ class RecordingWriter:
             rows: The transforms.
 
         Raises:
-            InvalidArgumentException: The form cannot say it; `field` is "stamp_ns" or
+            InvalidArgumentException: ROS 2's message cannot hold it; `field` is "stamp_ns" or
                 "names".
             OSError: The disk is full, or failed.
         """
         self._writer.add_message(
-            self._channels[static], log_ns, self._encode(rows), publish_time=log_ns
+            self._channels[static], log_ns, encode_tf_message(rows), publish_time=log_ns
         )
 
     def flush(self) -> None:
@@ -129,57 +130,3 @@ class RecordingWriter:
     def abandon(self) -> None:
         """Close the file without its end, after an error."""
         self._file.close()
-
-
-#: Declares the channels, (dynamic, static); and encodes a message.
-_Form = tuple[Callable[[Any], tuple[int, int]], Callable[[TransformRows], bytes]]
-
-
-def _ros2() -> _Form:
-    def register(writer: Any) -> tuple[int, int]:
-        schema = writer.register_schema(_ROS2_TYPE, "ros2msg", _ROS2_SCHEMA.encode())
-        dynamic, static = (
-            writer.register_channel(
-                topic,
-                "cdr",
-                schema,
-                {"offered_qos_profiles": _QOS.format(depth=depth, durability=durability)},
-            )
-            # 2: volatile, 1: transient local
-            for topic, depth, durability in (("/tf", 100, 2), ("/tf_static", 1, 1))
-        )
-        return dynamic, static
-
-    return register, encode_tf_message
-
-
-def _foxglove() -> _Form:
-    try:
-        from foxglove_schemas_protobuf.FrameTransforms_pb2 import (  # noqa: PLC0415 - an extra
-            FrameTransforms,
-        )
-        from mcap_protobuf.schema import register_schema  # noqa: PLC0415
-    except ImportError as error:
-        raise missing_library(error) from error
-
-    def register(writer: Any) -> tuple[int, int]:
-        schema = register_schema(writer, FrameTransforms)
-        dynamic, static = (
-            writer.register_channel(topic, "protobuf", schema) for topic in ("/tf", "/tf_static")
-        )
-        return dynamic, static
-
-    def encode(rows: TransformRows) -> bytes:
-        message: Any = FrameTransforms()
-        columns = (rows.parent, rows.child, rows.stamp, rows.pose)
-        for parent, child, stamp_ns, pose in zip(*(c.tolist() for c in columns), strict=True):
-            row = message.transforms.add()
-            row.parent_frame_id = rows.names[parent]
-            row.child_frame_id = rows.names[child]
-            row.timestamp.seconds, row.timestamp.nanos = divmod(stamp_ns, 10**9)
-            at, turn = row.translation, row.rotation
-            at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w = pose
-        data: bytes = message.SerializeToString()
-        return data
-
-    return register, encode
