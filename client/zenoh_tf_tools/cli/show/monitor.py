@@ -11,7 +11,6 @@ from zenoh_tf.text import printable
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.quit_key import ends_on_q
 from zenoh_tf_tools.cli.show.pair_delays import PairDelay, add_pairs
 from zenoh_tf_tools.cli.show.rates import AuthorityRate, LinkRate, Period, periods
 
@@ -25,7 +24,7 @@ def add(commands: Commands) -> None:
         "the rate of its history, the least and the greatest age of its newest stamp (the least is "
         "about its delay); for an authority its commits and transforms, what was dropped and "
         "refused, and by how much its stamps lead their arrival. --json prints one document per "
-        "line. Continues if the server ends and comes back; q or Ctrl-C ends it.",
+        "line. Continues if the server ends and comes back; Ctrl-C ends it.",
         "zenoh-tf monitor",
         "zenoh-tf monitor --pair map gripper --pair map camera",
         "zenoh-tf monitor --every 500ms --count 2 --json",
@@ -35,7 +34,7 @@ def add(commands: Commands) -> None:
 
 
 def _monitor(args: argparse.Namespace) -> int:
-    with connect(args) as tf, ends_on_q():
+    with connect(args) as tf:
         shown = periods(tf, args, lambda error: output.report_waiting(error, args.json))
         for number, period in enumerate(shown):
             if args.json:

@@ -11,7 +11,6 @@ from zenoh_tf.text import printable
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.output import Table
-from zenoh_tf_tools.cli.quit_key import ends_on_q
 from zenoh_tf_tools.cli.show.monitor import authorities_table, links_table, pairs_table
 from zenoh_tf_tools.cli.show.pair_delays import add_pairs
 from zenoh_tf_tools.cli.show.rates import Period, periods
@@ -33,7 +32,7 @@ def add(commands: Commands) -> None:
         "top",
         _top,
         "show the links and publishers on a live board",
-        "Show the links and publishers on a board in the terminal, until q or Ctrl-C: links that "
+        "Show the links and publishers on a board in the terminal, until Ctrl-C: links that "
         "have stopped are red and come first. The figures are those of zenoh-tf monitor. Needs the "
         "extra zenoh-tf[top].",
         "zenoh-tf top",
@@ -53,11 +52,7 @@ def _top(args: argparse.Namespace) -> int:
         from rich.console import Console  # noqa: PLC0415 - an optional extra
         from rich.live import Live  # noqa: PLC0415
     console = Console()
-    with (
-        connect(args) as tf,
-        ends_on_q(),  # first, as a board replaces stdout
-        Live(console=console, screen=console.is_terminal) as live,
-    ):
+    with connect(args) as tf, Live(console=console, screen=console.is_terminal) as live:
 
         def wait(error: ServerUnavailable) -> None:
             live.update(_text(f"{error} (waiting)"), refresh=True)

@@ -21,7 +21,6 @@ from zenoh_tf_tools.cli.arguments import (
     add_max_gap,
 )
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.quit_key import ends_on_q
 from zenoh_tf_tools.cli.tree import estimate
 
 #: Pause before the next attempt to find a server.
@@ -36,7 +35,7 @@ def add(commands: Commands) -> None:
         _echo,
         "print the pose of SOURCE in TARGET again and again",
         "Print the pose of SOURCE in TARGET at the latest common time, again and again, until "
-        "q or Ctrl-C. A lookup that fails is reported once on stderr, and tried again. With "
+        "Ctrl-C. A lookup that fails is reported once on stderr, and tried again. With "
         "--on-change, the server pushes the pose from the newest sample of each link, and it is "
         "printed when it changes. With --estimate, it is the pose now, and how wrong it may be. "
         "--json prints one document per line.",
@@ -82,7 +81,7 @@ def _echo(args: argparse.Namespace) -> int:
         args.usage_error("--max-gap belongs to lookups: leave out --on-change and --estimate")
     show: Callable[..., None] = estimate.show_again if args.estimate else output.show_answer
     follow = _changes if args.on_change else _repeated
-    with connect(args) as tf, ends_on_q(), contextlib.closing(follow(tf, args)) as answers:
+    with connect(args) as tf, contextlib.closing(follow(tf, args)) as answers:
         for answer in itertools.islice(answers, args.count):
             show(args, tf, answer)
     return 0
