@@ -62,16 +62,14 @@ class Writer:
     def __init__(self, path: Path) -> None:
         self._writer = RecordingWriter(path, {})
 
-    def add(
-        self, at_s: float, rows: Iterable[Row], *, static: bool = False, late_s: float = 0.0
-    ) -> None:
-        """Add a message so many seconds after the beginning; it was recorded later by `late_s`."""
+    def add(self, at_s: float, rows: Iterable[Row], *, static: bool = False) -> None:
+        """Add a message so many seconds after the beginning."""
         stamp_ns = START_S * 10**9 + round(at_s * 1e9)
         stamped = [StampedTransform(parent, child, stamp_ns, X) for parent, child, X in rows]
         names = list(dict.fromkeys(x for s in stamped for x in (s.parent_frame, s.child_frame)))
         number = {name: index for index, name in enumerate(names)}
         self._writer.write(
-            stamp_ns + round(late_s * 1e9),
+            stamp_ns,
             static,
             TransformRows(
                 names,
@@ -166,19 +164,6 @@ def fleet(path: Path) -> None:
     writer.close()
 
 
-def stops(path: Path) -> None:
-    """A vehicle drives, rests for longer than a tree keeps, and drives on; it is known late."""
-    writer, noise = Writer(path), np.random.default_rng(1)
-    way = 0.0
-    for number in range(560):
-        t = number / 20
-        way += 0.0 if 7.8 < t < 19 else abs(math.sin(0.8 * t)) / 20
-        x, y = noise.normal((way, 0.3 * math.sin(way)), 0.002)
-        pose = planar(x, y, 0.3 * math.cos(way) + noise.normal(0, 0.001))
-        writer.add(t, [("map", "base_link", pose)], late_s=0.12 + noise.uniform(0, 0.03))
-    writer.close()
-
-
 @contextlib.contextmanager
 def driving() -> Iterator[str]:
     """A server with a vehicle that drives straight on, as a slow browser draws turns at different
@@ -264,15 +249,6 @@ def save(picture: Image.Image, name: str) -> None:
     print(FIGURES / name, flush=True)
 
 
-def plot(folder: Path) -> None:
-    """Draw what estimates said of a recording, as `zenoh-tf plot` does."""
-    stops(folder / "stops.mcap")
-    command = [sys.executable, "-m", "zenoh_tf_tools", "plot", str(folder / "stops.mcap")]
-    out = folder / "plot.png"
-    subprocess.run([*command, "map", "base_link", "--estimate", "--out", out], check=True)
-    save(Image.open(out), "plot-estimate.png")
-
-
 def draw(page: Page, folder: Path) -> None:
     """Draw all pictures of the page."""
     wheels = "".join(WHEEL.format(x=x, y=y) for x in (-0.4, 0.4) for y in (-0.45, 0.45))
@@ -311,7 +287,6 @@ def main() -> None:
         window: Any = WINDOW
         page = browser.new_page(viewport=window)
         page.set_default_timeout(120_000)
-        plot(Path(folder))
         draw(page, Path(folder))
         browser.close()
 

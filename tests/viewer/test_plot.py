@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import shlex
 import threading
@@ -18,16 +17,13 @@ import pytest
 from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
 from tests.support.command_line import call, documented
-from tests.support.moving_arm import arm_at, base_at, fill
 from tests.support.threads import beside
-from zenoh_tf import LookupException, StampedTransform, Transform, TransformTree
+from zenoh_tf import LookupException, StampedTransform, Transform
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import open_recording
 from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.plotting.estimates import foretold
-from zenoh_tf_tools.plotting.lookups import follow, replayed
-from zenoh_tf_tools.plotting.pair import PairHistory, pose_error
+from zenoh_tf_tools.plotting.lookups import PairHistory, follow, pose_error, replayed
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/view.md"
@@ -127,91 +123,6 @@ def test_a_live_pair(published: TransformClient) -> None:
         assert isinstance(unknown.error, LookupException)
 
 
-def test_estimates_of_a_server(client: TransformClient) -> None:
-    """What came after an estimate says how wrong it was."""
-    fill(client, time.time_ns())
-
-    def publish(ending: threading.Event) -> None:
-        sensor = client.broadcaster("sensor")
-        while not ending.wait(0.01):
-            now_ns = time.time_ns()
-            base = StampedTransform("map", "base", now_ns, base_at(now_ns))
-            sensor.send([base, StampedTransform("base", "arm", now_ns, arm_at(now_ns))])
-
-    with beside(publish), client.mirror() as mirror:
-        moving, still = follow(mirror, [("map", "tool"), ("arm", "tool")], 2.5, estimate=True)
-    assert moving.estimates is not None
-    assert still.estimates is not None
-    assert moving.estimates.compared[:100].any()
-    assert moving.estimates.errors.distances_m[moving.estimates.compared].max() > 0
-    assert still.estimates.within.all()
-
-
-@pytest.fixture(scope="module")
-def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """map -> base swings at 20 Hz for 12 s, and is recorded 0.1 s after its stamps."""
-    log = [
-        (1.1 + i / 20, "/tf", [("map", "base", 1 + i / 20, math.sin(i / 20))]) for i in range(241)
-    ]
-    return write(tmp_path_factory.mktemp("late") / "run", log)
-
-
-def test_estimates_of_a_recording_know_what_had_come(late: Path) -> None:
-    with open_recording(late) as recording:
-        source = RecordedSource(recording)
-        pairs = replayed(source, [("map", "base")], source.range_ns)
-        (history,) = foretold(recording, source.lookups, pairs)
-    found = history.estimates
-    assert found is not None
-    # Level 0.9 needs nine backtests, half a second apart.
-    assert not found.compared[: at(history, 4.0)].any()
-    later = slice(at(history, 6.0), None)
-    assert found.compared[later].all()
-    assert 1e-5 < np.median(found.errors.distances_m[later]) < 0.01
-    assert found.within[later].mean() > 0.8
-    known = TransformTree()
-    row = at(history, 9.01)
-    for i in range(round((history.times_s[row] - 0.1) * 20 - 0.5) + 1):
-        X = Transform((math.sin(i / 20), 0, 0))
-        known.set_transform(StampedTransform("map", "base", S + i * S // 20, X))
-    asked = known.estimate_transform("map", "base", int(history.stamps_ns[row]))
-    np.testing.assert_allclose(found.poses[row], asked.transform.pose(), atol=1e-9)
-    assert asked.by_ns > 100e6
-    np.testing.assert_allclose(found.bounds.distances_m[row], asked.error_m, rtol=1e-6)
-
-
-def test_what_estimates_print(late: Path, tmp_path: Path, capsys: Any) -> None:
-    out = str(tmp_path / "x.svg")
-    args = ("plot", str(late), "map", "base", "--estimate", "--out", out)
-    _, line = call(capsys, *args).stdout.splitlines()
-    assert re.fullmatch(
-        r"1,\d+ estimates: \d+\.\d% within their bounds \(level 0\.9\), \S+ cm \(median\); "
-        r"off by \S+ mm \(median\)",
-        line,
-    )
-    scores = json.loads(call(capsys, *args, "--json").stdout)["estimates"]
-    assert 0.8 * scores["compared"] < scores["within"] <= scores["compared"]
-    assert scores["compared"] == scores["estimates"]
-    assert 0 < scores["median_error_m"] < scores["median_bound_m"]
-    drawn = (tmp_path / "x.svg").read_text()
-    for text in ("estimate off by [m]", "within an estimate's bounds (level 0.9)"):
-        assert f"<!-- {text} -->" in drawn
-    both = (*args, "--pair", "base", "map")
-    assert len(call(capsys, *both).stdout.splitlines()) == 4
-    none = call(capsys, *args, "--end", "+2s").stdout.splitlines()[-1]
-    assert none.startswith("no estimates of level 0.9: the history is too short")
-
-
-def test_a_log_of_another_clock_has_no_estimates(tmp_path: Path, capsys: Any) -> None:
-    log = [(1e9 + i, "/tf", [("map", "base", 1.0 + i, 0.0)]) for i in range(3)]
-    path = write(tmp_path / "run", log)
-    done = call(
-        capsys, "plot", str(path), "map", "base", "--estimate", "--out", str(tmp_path / "x.png")
-    )
-    assert done.returncode == 1
-    assert "the log is of another clock" in done.stderr
-
-
 def test_figures_with_any_name(tmp_path: Path) -> None:
     from zenoh_tf_tools.plotting.figure import save  # noqa: PLC0415 - seconds, for one test
 
@@ -262,16 +173,16 @@ def test_the_error_of_a_pair() -> None:
         return np.array([[*pose.pose()] for pose in poses])
 
     still = rows([Transform()] * 3)
-    error = pose_error(rows(moved), rows(turns))
-    np.testing.assert_allclose(error.distances_m, 5)
-    np.testing.assert_allclose(error.angles_rad, 0, atol=1e-12)
+    metres, radians = pose_error(rows(moved), rows(turns))
+    np.testing.assert_allclose(metres, 5)
+    np.testing.assert_allclose(radians, 0, atol=1e-12)
     # The same rotation may have either sign; small angles are kept.
     for poses in (turns, flipped):
         for pair in ((rows(poses), still), (still, rows(poses))):
-            np.testing.assert_allclose(pose_error(*pair).angles_rad, [0, 1e-9, 1], rtol=1e-6)
+            np.testing.assert_allclose(pose_error(*pair)[1], [0, 1e-9, 1], rtol=1e-6)
     nothing = rows(turns)
     nothing[1] = np.nan
-    assert np.isnan(pose_error(nothing, still).distances_m).tolist() == [False, True, False]
+    assert np.isnan(pose_error(nothing, still)[0]).tolist() == [False, True, False]
 
 
 def test_angles_do_not_jump() -> None:

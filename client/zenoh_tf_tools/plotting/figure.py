@@ -14,38 +14,35 @@ from matplotlib.patches import Patch
 
 from zenoh_tf.text import cut, printable
 from zenoh_tf.text.times import seconds
-from zenoh_tf_tools.plotting.pair import LEVEL, EstimateHistory, PairHistory, PoseError
+from zenoh_tf_tools.plotting.lookups import PairHistory
 
 #: Labels, and the colours of the axes of a frame.
 _AXES: Final = (("x", "#d62728"), ("y", "#2ca02c"), ("z", "#1f77b4"))
 _ANGLES: Final = (("roll", "#d62728"), ("pitch", "#2ca02c"), ("yaw", "#1f77b4"))
 _GREY: Final = "#444444"
 _RED: Final = "#d62728"
-#: How opaque the bounds of estimates are.
-_PALE: Final = 0.2
 #: Lines of the first pair and of the second one.
 _STYLES: Final[tuple[Any, ...]] = ("-", (0, (4, 2)))
 #: Inches of a panel, of the figure's width, and of what is around the panels.
 _TALL, _LOW, _WIDTH, _AROUND = 2.2, 1.5, 10.0, 1.2
 
 
-def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None = None) -> None:
-    """Write a figure: position, rotation, velocity and estimates if they are known, error, and age
-    over time.
+def save(histories: Sequence[PairHistory], path: Path, error: Any | None = None) -> None:
+    """Write a figure: position, rotation, velocity if it is known, error, and age over time.
 
     Args:
         histories: One pair or two, which were asked at the same times.
         path: The file; its suffix says the format.
-        error: That of the first pair, compared with the second; None if it is not to be drawn.
+        error: The `pose_error` of the first pair, compared with the second; None if it is not to
+            be drawn.
 
     Raises:
         OSError: The file cannot be written.
     """
-    estimates = [h.estimates for h in histories if h.estimates is not None]
     positions = [h.poses[:, :3] for h in histories]
     angles = [np.degrees(_angles(h.poses[:, 3:])) for h in histories]
     panels = [
-        _Panel("position [m]", _TALL, positions, _AXES, bands=[*map(_band, estimates)]),
+        _Panel("position [m]", _TALL, positions, _AXES),
         _Panel("rotation [deg]", _TALL, angles, _ANGLES),
     ]
     velocities = [h.velocities for h in histories if h.velocities is not None]
@@ -54,13 +51,9 @@ def save(histories: Sequence[PairHistory], path: Path, error: PoseError | None =
         panels.append(_Panel("velocity [m/s]", _TALL, [v[:, :3] for v in velocities], _AXES))
         panels.append(_Panel("velocity [deg/s]", _TALL, turns, _AXES))
     if error is not None:
-        panels.append(_Panel("error [m]", _LOW, [_metres(error)], from_zero=True))
-        panels.append(_Panel("error [deg]", _LOW, [_degrees(error)], from_zero=True))
-    if estimates:
-        for label, of in (("estimate off by [m]", _metres), ("estimate off by [deg]", _degrees)):
-            bands = [(np.zeros(len(e.poses)), of(e.bounds)) for e in estimates]
-            errors = [of(e.errors) for e in estimates]
-            panels.append(_Panel(label, _LOW, errors, bands=bands, from_zero=True))
+        metres, radians = error
+        panels.append(_Panel("error [m]", _LOW, [metres], from_zero=True))
+        panels.append(_Panel("error [deg]", _LOW, [np.degrees(radians)], from_zero=True))
     panels.append(_Panel("age [s]", _LOW, [h.ages_s for h in histories], from_zero=True))
     # Names are no formulas, whatever characters they have.
     with mpl.rc_context({"text.usetex": False, "text.parse_math": False}):
@@ -75,7 +68,6 @@ class _Panel(NamedTuple):
         inches: Its height.
         columns: For each pair (n, k) values, or (n,) with one label.
         labels: k names and colours; a line without a name is not in the legend.
-        bands: For each pair the bounds of an estimate, lower and upper, as the values.
         from_zero: Whether the axis has the 0.
     """
 
@@ -83,7 +75,6 @@ class _Panel(NamedTuple):
     inches: float
     columns: list[Any]
     labels: tuple[tuple[str, str], ...] = (("", _GREY),)
-    bands: Sequence[tuple[Any, Any]] = ()
     from_zero: bool = False
 
 
@@ -103,8 +94,6 @@ class _Panels:
             columns = panel.columns
             for style, values in zip(_STYLES, columns, strict=False):
                 self._lines(axes, values, panel.labels, style)
-            for low, high in panel.bands:
-                self._band(axes, low, high, panel.labels)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
             axes.set_ylabel(panel.label)
@@ -128,13 +117,6 @@ class _Panels:
             name = label if label and style == _STYLES[0] else None
             times_s = self._histories[0].times_s
             axes.plot(times_s, column, label=name, color=colour, linewidth=1, linestyle=style)
-
-    def _band(self, axes: Any, low: Any, high: Any, labels: tuple[tuple[str, str], ...]) -> None:
-        """Shade what is within the bounds of an estimate."""
-        lows, highs = (values.reshape(len(values), -1).T for values in (low, high))
-        times_s = self._histories[0].times_s
-        for lower, upper, (_, colour) in zip(lows, highs, labels, strict=True):
-            axes.fill_between(times_s, lower, upper, color=colour, alpha=_PALE, linewidth=0)
 
     def _shade(self, axes: Any) -> None:
         """Shade the times at which a pair has no answer."""
@@ -162,14 +144,9 @@ class _Panels:
                 for style, name in zip(_STYLES, names, strict=True)
             ]
             figure.legend(handles=lines, loc="outside upper center", frameon=False)
-        shades = []
-        if any(history.estimates for history in self._histories):
-            within = f"within an estimate's bounds (level {LEVEL:g})"
-            shades.append(Patch(color=_GREY, alpha=_PALE, linewidth=0, label=within))
         if not all(history.answered.all() for history in self._histories):
-            shades.append(Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer"))
-        if shades:
-            figure.legend(handles=shades, loc="outside lower right", frameon=False, ncols=2)
+            shade = Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer")
+            figure.legend(handles=[shade], loc="outside lower right", frameon=False)
 
 
 def _angles(rotations: Any) -> Any:
@@ -182,20 +159,6 @@ def _angles(rotations: Any) -> Any:
     angles = np.stack([roll, pitch, yaw], axis=1)
     angles[1:][np.abs(np.diff(angles, axis=0)) > np.pi] = np.nan
     return angles
-
-
-def _band(estimates: EstimateHistory) -> tuple[Any, Any]:
-    """The least and greatest coordinates (n, 3) in metres that the bounds allow."""
-    positions, error_m = estimates.poses[:, :3], estimates.bounds.distances_m[:, None]
-    return positions - error_m, positions + error_m
-
-
-def _metres(error: PoseError) -> Any:
-    return error.distances_m
-
-
-def _degrees(error: PoseError) -> Any:
-    return np.degrees(error.angles_rad)
 
 
 def _printed(text: str) -> str:

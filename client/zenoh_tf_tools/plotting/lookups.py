@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zenoh_tf import TransformException
 from zenoh_tf_client.mirror.mirror import Mirror
-from zenoh_tf_tools.plotting.estimates import EstimateRows
-from zenoh_tf_tools.plotting.pair import PairHistory
 from zenoh_tf_tools.viewer.live import LiveSource
+from zenoh_tf_tools.viewer.placement import array_of
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 from zenoh_tf_tools.viewer.source import Lookups, ViewedTree
 
@@ -22,20 +22,66 @@ from zenoh_tf_tools.viewer.source import Lookups, ViewedTree
 Pair = tuple[str, str]
 
 _PERIOD_S: Final = 0.02
-#: After so many rows the samples are looked up that estimates are compared with.
-_TURNS: Final = 100
 #: Times at which a recording is asked.
 _TIMES: Final = 2_000
 _NO_POSE: Final = [float("nan")] * 7
 _NO_VELOCITY: Final = [float("nan")] * 6
 
 
+@dataclass(frozen=True)
+class PairHistory:
+    """What lookups of one pair answered, one row for each time.
+
+    Attributes:
+        target: The frame that the poses are in.
+        source: The frame whose poses they are.
+        stamps_ns: (n,) the times that were asked for; live, when was asked. Nanoseconds.
+        poses: (n, 7) rows x, y, z in metres, qx, qy, qz, qw: `X_target_source`; NaN where a lookup
+            had no answer.
+        ages_s: (n,) how old the newest sample of the link was that had the oldest one, in seconds;
+            NaN without an answer, and if all links are static.
+        velocities: (n, 6) linear in m/s and angular in rad/s, of the source as seen from the
+            target and in its axes; NaN without an answer. None if nobody asked.
+        error: Why the last lookup without an answer had none; None if all had one.
+    """
+
+    target: str
+    source: str
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    ages_s: NDArray[np.float64]
+    velocities: NDArray[np.float64] | None
+    error: TransformException | None
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """(n,) seconds since the first time."""
+        since_first: NDArray[np.float64] = (self.stamps_ns - self.stamps_ns[0]) / 1e9
+        return since_first
+
+    @property
+    def answered(self) -> NDArray[np.bool_]:
+        """(n,) which lookups had an answer."""
+        return ~np.isnan(self.poses[:, 0])
+
+
+def pose_error(
+    poses: NDArray[np.float64], reference: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far poses (n, 7) are from those of another pair at the same times, such as the
+    truth: (n,) metres between the positions, and (n,) radians between the orientations, from 0 to
+    pi; NaN where one of them is missing."""
+    turns = (array_of(poses).inverse() @ array_of(reference)).rotations
+    # An arc cosine would lose small angles.
+    angles = 2 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
+    return np.linalg.norm(poses[:, :3] - reference[:, :3], axis=1), angles
+
+
 class _Rows:
     """The rows of a pair so far."""
 
-    def __init__(self, pair: Pair, *, velocity: bool, estimate: bool = False) -> None:
+    def __init__(self, pair: Pair, *, velocity: bool) -> None:
         self.pair = pair
-        self.estimates = EstimateRows(*pair) if estimate else None
         self._asks_velocity = velocity
         self._stamps_ns: list[int] = []
         self._poses: list[list[float]] = []
@@ -61,33 +107,19 @@ class _Rows:
         else:
             self._velocities.append([*found.linear.tolist(), *found.angular.tolist()])
 
-    def add_estimate(self, live: LiveSource, clock_ns: int) -> None:
-        """Estimate the pose of the pair now, if that is wanted."""
-        if self.estimates is not None:
-            self.estimates.ask(partial(live.estimate, *self.pair, clock_ns), clock_ns)
-            if len(self._stamps_ns) % _TURNS == 0:
-                self.estimates.look_up(live.lookups)
-
     def history(self) -> PairHistory:
-        velocities = np.array(self._velocities).reshape(-1, 6) if self._asks_velocity else None
         return PairHistory(
             *self.pair,
             np.array(self._stamps_ns, np.int64),
             np.array(self._poses).reshape(-1, 7),
             np.array(self._ages_s),
-            velocities,
+            np.array(self._velocities).reshape(-1, 6) if self._asks_velocity else None,
             self.error,
-            None if self.estimates is None else self.estimates.history(),
         )
 
 
 def follow(
-    mirror: Mirror,
-    pairs: Sequence[Pair],
-    seconds: float,
-    *,
-    velocity: bool = False,
-    estimate: bool = False,
+    mirror: Mirror, pairs: Sequence[Pair], seconds: float, *, velocity: bool = False
 ) -> list[PairHistory]:
     """Look pairs up 50 times a second: the newest sample of each link.
 
@@ -96,10 +128,9 @@ def follow(
         pairs: Of target and source.
         seconds: For how long.
         velocity: Look their velocities up, too, at the latest common times.
-        estimate: Estimate where they are, too.
     """
     live = LiveSource(mirror)
-    rows = [_Rows(pair, velocity=velocity, estimate=estimate) for pair in pairs]
+    rows = [_Rows(pair, velocity=velocity) for pair in pairs]
     start_ns, start_s = time.time_ns(), time.monotonic()
     clock_ns, turns = 0, 0
     while (now_s := time.monotonic() - start_s) < seconds or not turns:
@@ -115,12 +146,8 @@ def follow(
                 each.error = error
             each.add(start_ns + round(now_s * 1e9), pose, age_s)
             each.add_velocity(mirror, None)
-            each.add_estimate(live, clock_ns)
         turns += 1
         time.sleep(max(0.0, start_s + turns * _PERIOD_S - time.monotonic()))
-    for each in rows:
-        if each.estimates is not None:
-            each.estimates.look_up(mirror)
     return [each.history() for each in rows]
 
 

@@ -18,16 +18,7 @@ from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show import view
 from zenoh_tf_tools.cli.show.pair_delays import add_pairs
 from zenoh_tf_tools.errors import CommandError, extra, keep_input
-from zenoh_tf_tools.estimate_words import metres
-from zenoh_tf_tools.plotting.estimates import foretold
-from zenoh_tf_tools.plotting.lookups import follow, replayed
-from zenoh_tf_tools.plotting.pair import (
-    LEVEL,
-    EstimateHistory,
-    PairHistory,
-    PoseError,
-    pose_error,
-)
+from zenoh_tf_tools.plotting.lookups import PairHistory, follow, pose_error, replayed
 
 #: How long a server is followed.
 _FOLLOW_S: Final = 10.0
@@ -48,7 +39,6 @@ def add(commands: Commands) -> None:
         "zenoh-tf plot map base_link --velocity --for 1min --out base.png",
         "zenoh-tf plot run.mcap map base_link --start +2s --end -1s",
         "zenoh-tf plot run.mcap map base_link --pair map truth --error",
-        "zenoh-tf plot run.mcap map base_link --estimate",
     )
     recorded.add_optional_file(plot)
     add_frames(plot)
@@ -62,12 +52,6 @@ def add(commands: Commands) -> None:
         "--error",
         action="store_true",
         help="also draw how far TARGET SOURCE is from the pair of --pair, such as the true pose",
-    )
-    plot.add_argument(
-        "--estimate",
-        action="store_true",
-        help="also draw what an estimate says of each time before its samples come, with its "
-        "bounds, and how wrong it was (zenoh-tf estimate)",
     )
     recorded.add_range(plot, f"{{0}} time of FILE that is drawn: {RECORDED_TIMES}")
     help_ = "how long to follow a server (default 10s, at most 1h)"
@@ -117,19 +101,13 @@ def _histories(args: argparse.Namespace) -> list[PairHistory]:
     if args.file is not None:
         source = view.recorded(args)
         range_ns = recorded.chosen_range(args, source.range_ns, source.range_ns, inside=True)
-        histories = replayed(source, pairs, range_ns, velocity=args.velocity)
-        if args.estimate:
-            with recorded.opened(args) as recording:
-                histories = foretold(recording, source.lookups, histories)
-        return histories
+        return replayed(source, pairs, range_ns, velocity=args.velocity)
     with connect(args) as tf, tf.mirror() as mirror:
         follow_s = _FOLLOW_S if args.for_s is None else args.for_s
-        return follow(mirror, pairs, follow_s, velocity=args.velocity, estimate=args.estimate)
+        return follow(mirror, pairs, follow_s, velocity=args.velocity)
 
 
-def _report(
-    args: argparse.Namespace, histories: list[PairHistory], found: PoseError | None
-) -> None:
+def _report(args: argparse.Namespace, histories: list[PairHistory], found: Any | None) -> None:
     first, *others = histories
     figures = _figures(first)
     document = {"file": str(args.out), **figures}
@@ -141,9 +119,10 @@ def _report(
         name = f"{printable(other.source)} in {printable(other.target)}"
         lines += _lines(f"{name}: ", other, figures)
     if found is not None:
-        numbers = _error_figures(found)
-        document |= numbers
-        lines.append(_error_text(numbers))
+        numbers = (*_median_and_greatest(found[0]), *_median_and_greatest(np.degrees(found[1])))
+        keys = ("median_error_m", "greatest_error_m", "median_error_deg", "greatest_error_deg")
+        document |= dict(zip(keys, numbers, strict=True))
+        lines.append(_error_text(*numbers))
     output.show(args, document, "\n".join(lines))
 
 
@@ -158,16 +137,12 @@ def _lines(begin: str, history: PairHistory, figures: dict[str, Any]) -> list[st
     if failed := figures["failed"]:
         text = f"{failed:,} lookups without an answer; the last: {history.error}"
         lines.append(printable(text))
-    if "estimates" in figures:
-        lines.append(_estimated(figures["estimates"]))
     return lines
 
 
 def _figures(history: PairHistory) -> dict[str, Any]:
     median_s, greatest_s = _median_and_greatest(history.ages_s)
-    estimates = {} if history.estimates is None else {"estimates": _scores(history.estimates)}
     return {
-        **estimates,
         "lookups": len(history.times_s),
         "failed": int(np.count_nonzero(~history.answered)),
         "seconds": round(float(history.times_s[-1]), 3),
@@ -176,44 +151,12 @@ def _figures(history: PairHistory) -> dict[str, Any]:
     }
 
 
-def _scores(estimates: EstimateHistory) -> dict[str, Any]:
-    """How often estimates were within their bounds, and the medians of those and of errors."""
-    compared = estimates.compared
-    bounds, errors = (
-        {"m": each.distances_m[compared], "deg": np.degrees(each.angles_rad[compared])}
-        for each in (estimates.bounds, estimates.errors)
-    )
-    return {
-        "level": LEVEL,
-        "estimates": int(np.count_nonzero(~np.isnan(estimates.poses[:, 0]))),
-        "compared": int(np.count_nonzero(compared)),
-        "within": int(np.count_nonzero(estimates.within)),
-        **{f"median_bound_{unit}": _median(values) for unit, values in bounds.items()},
-        **{f"median_error_{unit}": _median(values) for unit, values in errors.items()},
-    }
-
-
-def _estimated(scores: dict[str, Any]) -> str:
-    count = scores["compared"]
-    if not scores["estimates"]:
-        return f"no estimates of level {LEVEL:g}: the history is too short, or its links stopped"
-    if not count:
-        return f"{scores['estimates']:,} estimates; no samples of their times have come yet"
-    bound, error = scores["median_bound_m"], scores["median_error_m"]
-    return (
-        f"{count:,} estimates: {scores['within'] / count:.1%} within their bounds (level "
-        f"{LEVEL:g}), {metres(bound)} (median); off by {metres(error)} (median)"
-    )
-
-
-def _error_figures(found: PoseError) -> dict[str, float | None]:
-    angles = _median_and_greatest(np.degrees(found.angles_rad))
-    keys = ("median_error_m", "greatest_error_m", "median_error_deg", "greatest_error_deg")
-    return dict(zip(keys, (*_median_and_greatest(found.distances_m), *angles), strict=True))
-
-
-def _error_text(numbers: dict[str, float | None]) -> str:
-    median_m, greatest_m, median_deg, greatest_deg = numbers.values()
+def _error_text(
+    median_m: float | None,
+    greatest_m: float | None,
+    median_deg: float | None,
+    greatest_deg: float | None,
+) -> str:
     if median_m is None:
         return "error: none, as the pairs never have an answer at the same time"
     return (
@@ -225,11 +168,7 @@ def _error_text(numbers: dict[str, float | None]) -> str:
 def _median_and_greatest(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
     """Without the NaNs; None if there is nothing else."""
     known = values[~np.isnan(values)]
-    return (_median(known), float(known.max())) if len(known) else (None, None)
-
-
-def _median(values: NDArray[np.float64]) -> float | None:
-    return float(np.median(values)) if len(values) else None
+    return (float(np.median(known)), float(known.max())) if len(known) else (None, None)
 
 
 def _figure(text: str) -> Path:
