@@ -6,10 +6,9 @@ import argparse
 import re
 import shlex
 from collections.abc import Iterator
-from dataclasses import fields
 
 from zenoh_tf_server import flags as server_flags
-from zenoh_tf_server.limits import Limits
+from zenoh_tf_server.limits import SETTABLE
 from zenoh_tf_tools.cli.main import _parser
 
 from .repository import Repository, Violation
@@ -76,7 +75,7 @@ def _call_problems(command: str, by_words: dict[str, argparse.ArgumentParser]) -
 
 def limits(repository: Repository) -> Iterator[Violation]:
     """A limit that a page or a message names exists."""
-    known = {entry.name for entry in fields(Limits)} - {"memory"} | {"help"}
+    known = set(SETTABLE) - {"memory"}
     sources = repository.files(".py", ".cpp", ".hpp", under=["zenoh_tf", "server", "client"])
     for path in (*repository.pages(), *sources):
         for number, line in repository.lines(path):

@@ -1,10 +1,13 @@
-"""Every limit of the server in one table. `limit_flags` is made from it.
+"""Every limit of the server in one table, and the flags ``--limit`` and ``--max-memory``.
 
-``python -m zenoh_tf_server.limits`` prints the table of docs/reference/limits.md.
+``python -m zenoh_tf_server.limits`` prints the tables of docs/reference/limits.md.
 """
 
 from __future__ import annotations
 
+import argparse
+import difflib
+import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
 from typing import Final
@@ -12,7 +15,15 @@ from typing import Final
 from zenoh_tf import wire
 from zenoh_tf._core import Budget
 from zenoh_tf.errors import LimitExceeded
+from zenoh_tf.text import quoted
+from zenoh_tf.text.flag_values import size
 
+#: The only limit with a flag of its own, which also accepts a unit.
+_MEMORY: Final = "memory"
+#: No client accepts a larger reply.
+_HIGHEST: Final = {"reply_bytes": wire.MAX_REPLY_BYTES}
+#: Any other limit must fit into the native module's numbers.
+_HIGHEST_OF_ALL: Final = 10**15
 #: Names that a row may use: target, source and the fixed frame.
 _NAMES_PER_ROW: Final = 3
 
@@ -266,6 +277,54 @@ class Limits:
 
 #: The limits that an operator may set, by name.
 SETTABLE: Final = {entry.name: entry for entry in fields(Limits) if entry.metadata["is_set"]}
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the limits."""
+    names = ", ".join(name for name in SETTABLE if name != _MEMORY)
+    group = parser.add_argument_group("limits (docs/reference/limits.md)", f"NAME: {names}.")
+    group.add_argument(
+        "--max-memory",
+        type=size(1 << 20),
+        default=Limits().memory,
+        metavar="BYTES",
+        help="of all samples together, as in 512MB or 4G (default: 4G)",
+    )
+    group.add_argument(
+        "--limit",
+        action="append",
+        type=_setting,
+        default=[],
+        metavar="NAME=VALUE",
+        help="set a limit, as in frames=5000; repeatable",
+    )
+
+
+def read(options: argparse.Namespace) -> Limits:
+    """The limits that the flags of `add_flags` say."""
+    return Limits(memory=options.max_memory, **dict(options.limit))
+
+
+def _setting(text: str) -> tuple[str, int]:
+    """A type for ``NAME=VALUE``."""
+    name, equals, number = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not NAME=VALUE")
+    if name == _MEMORY:
+        raise argparse.ArgumentTypeError(f"the limit {_MEMORY} has a flag of its own, --max-memory")
+    if name not in SETTABLE:
+        nearest = difflib.get_close_matches(name.replace("-", "_"), SETTABLE, 3, 0.5)
+        hint = f"did you mean {' or '.join(nearest)}?" if nearest else "--help lists all"
+        if name in Limits.__slots__:
+            hint = f"it is fixed at {getattr(Limits(), name):,}"
+        raise argparse.ArgumentTypeError(f"there is no limit {quoted(name)}: {hint}")
+    highest = _HIGHEST.get(name, _HIGHEST_OF_ALL)
+    # A text of more digits than any limit's value is not read as a number.
+    if not re.fullmatch("[0-9]{1,20}", number, re.ASCII) or not 1 <= int(number) <= highest:
+        raise argparse.ArgumentTypeError(
+            f"the limit {name} is {quoted(number)}: it must be a whole number from 1 to {highest:,}"
+        )
+    return name, int(number)
 
 
 def table() -> Iterator[str]:

@@ -47,9 +47,8 @@ log = logging.getLogger("zenoh_tf.server")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    options = flags.parse(arguments)
-    logs.setup(options.log_level, options.log_format)
-    settings = flags.settings(options)
+    settings = flags.settings(flags.parse(arguments))
+    logs.setup(settings.logs)
     warning = None if settings.connect else security.exposure(settings.security, settings.listen)
     if warning is not None:
         log.warning(warning)

@@ -47,7 +47,7 @@ def start_live(loop: asyncio.AbstractEventLoop) -> Iterator[StartLive]:
         def start(mode: str, **settings: Any) -> LiveServer:
             reach, _, concurrency = mode.partition("-")
             # No predecessor can have had the endpoint.
-            sharing = SharingSettings(reach == "shared", folder, predecessor_s=0.0)
+            sharing = SharingSettings(folder, off=reach != "shared", predecessor_s=0.0)
             server = LiveServer(loop, cast(Concurrency, concurrency), sharing, **settings)
             servers.callback(server.stop)
             return server

@@ -5,7 +5,6 @@ Public reports, replayed through the ROS 2 bridge, by puts and by transactions.
 
 from __future__ import annotations
 
-import argparse
 import struct
 import time
 from collections.abc import Iterator
@@ -27,7 +26,8 @@ from zenoh_tf.introspection.frame_info import AuthorityInfo
 from zenoh_tf.ros2.cdr import encode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE
 from zenoh_tf_client import TransformClient
-from zenoh_tf_server.federation import settings
+from zenoh_tf_server import flags
+from zenoh_tf_server.federation.settings import FederationSettings
 
 __all__ = ["server", "start_peer"]
 
@@ -271,7 +271,5 @@ def test_colons_that_leave_no_two_frames(text: str, capsys: pytest.CaptureFixtur
     assert "two or more frames" in capsys.readouterr().err
 
 
-def parsed(robot: str) -> settings.FederationSettings:
-    parser = argparse.ArgumentParser()
-    settings.add_flags(parser)
-    return settings.from_flags(parser.parse_args(["--mirror-of", robot]))
+def parsed(robot: str) -> FederationSettings:
+    return flags.settings(flags.parse(["--mirror-of", robot])).federation

@@ -17,11 +17,10 @@ _CONFIG = b"""
 cache-time = "30s"
 listen = ["tls/0.0.0.0:7447"]
 users = "users"
+tls-certificate = "server.pem"
+tls-key = "server.key"
 [limits]
 rows = 1000
-[tls]
-certificate = "server.pem"
-key = "server.key"
 [[access]]
 users = ["nav"]
 may = ["read"]

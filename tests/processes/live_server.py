@@ -64,7 +64,7 @@ class LiveServer:
     def connect(self) -> TransformClient:
         """Return another client. The caller closes it."""
         tf = TransformClient.connect(self.endpoint)
-        assert tf.reads == ("shared" if self.settings.sharing.on else "query")
+        assert tf.reads == ("shared" if not self.settings.sharing.off else "query")
         return tf
 
 
@@ -84,7 +84,7 @@ def running_loop() -> Iterator[asyncio.AbstractEventLoop]:
 def limited(**limits: int) -> Iterator[LiveServer]:
     """A server with other limits, also those that no flag sets."""
     with running_loop() as loop:
-        server = LiveServer(loop, "optimistic", SharingSettings(False), limits=Limits(**limits))
+        server = LiveServer(loop, "optimistic", SharingSettings(off=True), limits=Limits(**limits))
         try:
             yield server
         finally:

@@ -305,7 +305,7 @@ def test_a_new_copy_has_memory_of_its_own(
 def test_a_replaced_copy_goes_without_a_garbage_collection() -> None:
     """The server's collections are rare, and never have what was there when it started."""
     loop = asyncio.new_event_loop()
-    copies = SharedCopies(SharingSettings(on=False), "main")
+    copies = SharedCopies(SharingSettings(off=True), "main")
     settings = wire.TreeSettings(10**10, 100, 100, 255, 64)
     served: list[str] = []
     with zenoh.open(zenoh_config.router([free_endpoint()])) as session:

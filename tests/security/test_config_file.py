@@ -37,12 +37,11 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
         one-authority-per-frame = true
         log-level = "debug"
         users = "people"
+        tls-certificate = "server.pem"
+        tls-ca = "/etc/ca.pem"
         [limits]
         rows = 1000
         samples_per_frame = 5
-        [tls]
-        certificate = "server.pem"
-        ca = "/etc/ca.pem"
         [motion_limits.base_link]
         max_speed_m_s = 1
         [[access]]
@@ -55,7 +54,7 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
     assert (options.cache_time, type(options.cache_time)) == (30.0, float)
     assert options.one_authority_per_frame is True
     assert options.log_level == "debug"
-    assert options.limit == {"rows": 1000, "samples_per_frame": 5}
+    assert dict(options.limit) == {"rows": 1000, "samples_per_frame": 5}
     assert options.tls_certificate == str(tmp_path / "server.pem")  # beside the file
     assert options.tls_ca == "/etc/ca.pem"
     assert options.users == str(tmp_path / "people")
@@ -64,7 +63,11 @@ def test_flags_at_the_top_and_in_sections(tmp_path: Path) -> None:
 
 
 def test_every_flag_can_stand_in_the_file(tmp_path: Path) -> None:
-    for name, action in config_file._actions(flags.parser()).items():
+    without = {"help", "version", "config", "limit"}
+    for action in flags.parser()._actions:
+        name = action.option_strings[-1].removeprefix("--")
+        if name in without:
+            continue
         value: object = "true"
         if action.nargs != 0:
             is_number = type(action.default) in (int, float)
@@ -87,10 +90,10 @@ def test_the_command_line_wins(tmp_path: Path) -> None:
     text = 'listen = ["tcp/127.0.0.1:1"]\ntree = "a"\n[limits]\nrows = 7\nframes = 8\n'
     options = parse(tmp_path, text, "--limit", "rows=100000", "--tree", "main")
     # Both values are the defaults, but they were given.
-    assert (options.limit, options.tree) == ({"rows": 100_000, "frames": 8}, "main")
+    assert (dict(options.limit), options.tree) == ({"rows": 100_000, "frames": 8}, "main")
     assert parse(tmp_path, text, "--listen", "tcp/[::1]:9").listen == ["tcp/[::1]:9"]
     options = parse(tmp_path, text, "--connect", "tcp/[::1]:9")
-    assert (options.listen, options.connect) == (None, ["tcp/[::1]:9"])
+    assert (options.listen, options.connect) == ([], ["tcp/[::1]:9"])
 
 
 @pytest.mark.parametrize("value", ['"1G"', '"1024M"', "1073741824", '"1073741824"'])
@@ -105,16 +108,17 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
         ("[limits]\nmemory = '1G'", "memory has a flag of its own, --max-memory"),
         ("[limits]\nrow = 1", "there is no limit 'row': did you mean rows?"),
         ("[limits]\ntree = 'a'", "there is no limit 'tree'"),
-        ("[limit]\nrows = 1", "unknown key 'limit.rows'"),
+        ("[limit]\nrows = 1", "unknown key 'limit': did you mean 'limits'?"),
         ("limit = ['rows=1']", "unknown key 'limit': did you mean 'limits'?"),
         ("limits = 5", "write limits in a table [limits]"),
         ("cach-time = 1", "unknown key 'cach-time': did you mean 'cache-time'?"),
-        ('[tls]\ncertificat = "a"', "did you mean 'tls-certificate'?"),
+        ('tls-certificat = "a"', "did you mean 'tls-certificate'?"),
+        ('[tls]\ncertificate = "a"', "unknown key 'tls'"),
         ("[[acces]]\nmay = []", "unknown key 'acces': did you mean 'access'?"),
-        ("qqqq = 1", "unknown key 'qqqq'; zenoh-tf-server --help lists all"),
+        ("qqqq = 1", "unknown key 'qqqq': --help lists all"),
         ('config = "x"', "unknown key 'config'"),
-        ("[limits]\nrows = '5'", "the limit rows is '5': it must be a whole number from 1 to"),
-        ("[limits]\nrows = true", "the limit rows is True: it must be a whole number from 1 to"),
+        ("[limits]\nrows = '5x'", "the limit rows is '5x': it must be a whole number from 1 to"),
+        ("[limits]\nrows = true", "rows must be a text or a number, not True"),
         pytest.param("a = " + "[" * 100_000, "is nested too deeply", id="deep array"),
         pytest.param("a = " + "{a=" * 50_000, "is nested too deeply", id="deep table"),
         ("workers = 100000", "workers: '100000' is not a whole number from 1 to 256"),
@@ -124,12 +128,10 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
         ("cache-time = 30", "cache-time: '30' is ambiguous: 30 seconds or 30 milliseconds"),
         ("cache-time = true", "cache-time must be a text or a number, not True"),
         ("max-future-s = 'x'", "max-future-s: 'x' is not a number"),
-        ("tree = 5", "tree must be a text"),
+        ("tree = []", "tree must be a text or a number"),
         ("no-admin = 1", "no-admin must be true or false"),
-        ("listen = [1]", "listen must be a text"),
-        ("log-level = 'loud'", "log-level is 'loud': use one of debug"),
-        ("tls-ca = 'a'\n[tls]\nca = 'b'", "'tls-ca' is set twice"),
-        ("listen = ['a']\nconnect = ['b']", "exclude each other"),
+        ("listen = [[]]", "listen must be a text"),
+        ("log-level = 'loud'", "log-level: invalid choice: 'loud' (choose from 'debug'"),
         ("a = = 1", "is not TOML"),
         ("motion_limits = 1", "write limits of motion in tables [motion_limits.FRAME]"),
         ("motion-limits = 1", "did you mean 'motion_limits'?"),

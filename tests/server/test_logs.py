@@ -227,7 +227,7 @@ def test_uncaught_exceptions_and_warnings_are_records() -> None:
     code = (
         "import threading, warnings\n"
         "from zenoh_tf_server.monitoring import logs\n"
-        "logs.setup('info', 'json')\n"
+        "logs.setup(logs.LogSettings(format='json'))\n"
         "warnings.warn('\\x1b[31mred\\n')\n"
         "def fail(): raise ValueError('\\x1b in a thread')\n"
         "thread = threading.Thread(target=fail, name='t\\x1b')\n"

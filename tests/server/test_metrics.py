@@ -28,8 +28,9 @@ from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LookupException
 from zenoh_tf.introspection import metric_table
+from zenoh_tf.text.flag_values import host_and_port
 from zenoh_tf_server.monitoring.authority_series import OTHER, AuthoritySeries
-from zenoh_tf_server.monitoring.status_port import Page, StatusPort, parse_address
+from zenoh_tf_server.monitoring.status_port import Page, StatusPort
 from zenoh_tf_server.requests.counters import RequestCounters, buckets
 
 HOSTILE = 'lidar"\n\x1b[31m\\{}'
@@ -230,7 +231,7 @@ def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_silent_connections_do_not_use_up_the_server(server: ServerProcess) -> None:
     """Connections that ask nothing are closed, and their number is bounded."""
-    host, port = parse_address(metrics_url(server).removeprefix("http://"))
+    host, port = host_and_port(metrics_url(server).removeprefix("http://"))
     before = value(scrape(server), "threads")
     silent = [socket.create_connection((host, port), timeout=20) for _ in range(60)]
     try:
@@ -251,7 +252,7 @@ def test_silent_connections_do_not_use_up_the_server(server: ServerProcess) -> N
 def test_connections_that_drip_do_not_take_all(server: ServerProcess, path: str) -> None:
     """Each sends a byte now and then, so none is silent."""
     url = metrics_url(server)
-    where = parse_address(url.removeprefix("http://"))
+    where = host_and_port(url.removeprefix("http://"))
     with contextlib.ExitStack() as stack:
         slow = [stack.enter_context(socket.create_connection(where)) for _ in range(40)]
         for connection in slow:
@@ -287,14 +288,14 @@ def test_every_address_of_the_host_is_listened_on(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("text", ["127.0.0.1:9464", "localhost:1", "[::1]:9464"])
 def test_addresses(text: str) -> None:
-    host, port = parse_address(text)
+    host, port = host_and_port(text)
     assert "[" not in host and port > 0
 
 
 @pytest.mark.parametrize("text", ["", "9464", ":9464", "h:", "h:x", "h:70000", "h:-1", "h:٣"])
 def test_wrong_addresses(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=r"is not HOST:PORT"):
-        parse_address(text)
+        host_and_port(text)
 
 
 def record(name: str, stored: int, frames: int = 1) -> dict[str, object]:

@@ -90,6 +90,15 @@ def size(low: int = 1) -> Callable[[str], int]:
     return parse
 
 
+def host_and_port(text: str) -> tuple[str, int]:
+    """Host and port of HOST:PORT or [IPV6]:PORT."""
+    host, colon, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not colon or not host or not (port.isascii() and port.isdigit() and int(port) < 65536):
+        raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT, such as 127.0.0.1:9464")
+    return host, int(port)
+
+
 def file_path(text: str) -> str:
     """The path of a file. One in a configuration file is relative to the folder of that."""
     return text

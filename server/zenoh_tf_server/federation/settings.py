@@ -16,6 +16,10 @@ from zenoh_tf.mirrors.interest import HIGHEST_HZ, LOWEST_HZ, interest_of
 from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import frames, number, whole
 
+from .. import flag_table
+from ..flag_table import flag
+
+_GROUP: Final = "trees of robots (docs/how-to/federation.md)"
 #: Also where a tree is named, a comma begins an option.
 _LINK: Final = re.compile(
     r"(?P<name>[^/:=,\x00-\x20\x7f]+)="
@@ -69,58 +73,7 @@ class RobotPattern:
         return name if _NAME.fullmatch(name) else None
 
 
-@dataclass(frozen=True)
-class FederationSettings:
-    """What the flags of `add_flags` say."""
-
-    links: tuple[RobotAddress, ...] = ()
-    patterns: tuple[RobotPattern, ...] = ()
-    shared: tuple[str, ...] = ()
-
-
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of this module."""
-    group = parser.add_argument_group("trees of robots (docs/how-to/federation.md)")
-    group.add_argument(
-        "--mirror-of",
-        action="append",
-        type=_link,
-        default=[],
-        metavar="ROBOT",
-        help="ingest a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE, or 'robots/*': all "
-        "such trees on this network; ,frames=map:base_link: only their paths; ,rate=10: their "
-        "newest samples at 10 Hz; ,max-frames=N: its share; repeatable",
-    )
-    group.add_argument(
-        "--mirror-shared",
-        type=frames,
-        default=(),
-        metavar="FRAMES",
-        help="frames that get no prefix, as in map,world",
-    )
-
-
-def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """Exit with status 2 and a message if the flags do not fit together."""
-    if options.mirror_shared and not options.mirror_of:
-        parser.error("--mirror-shared needs --mirror-of")
-    if options.mirror_of and options.replica_of:
-        parser.error(
-            "--mirror-of and --replica-of exclude each other: a replica has its primary's tree"
-        )
-    for name, count in Counter(link.name for link in from_flags(options).links).items():
-        if count > 1:
-            parser.error(f"--mirror-of: {count} robots are called {name!r}")
-
-
-def from_flags(options: argparse.Namespace) -> FederationSettings:
-    """The settings that the flags say."""
-    links = [link for link in options.mirror_of if isinstance(link, RobotAddress)]
-    patterns = [link for link in options.mirror_of if isinstance(link, RobotPattern)]
-    return FederationSettings(tuple(links), tuple(patterns), tuple(options.mirror_shared))
-
-
-def _link(text: str) -> RobotAddress | RobotPattern:
+def _robot(text: str) -> RobotAddress | RobotPattern:
     pattern, match = _PATTERN.fullmatch(text), _LINK.fullmatch(text)
     if pattern is None and match is None:
         raise argparse.ArgumentTypeError(
@@ -176,3 +129,52 @@ def _path_ends(text: str) -> list[tuple[str, str]]:
             "part of a name, and a single ':' in a name is written '\\:'"
         )
     return list(pairwise(names))
+
+
+@dataclass(frozen=True)
+class FederationSettings:
+    """What the flags of this module say."""
+
+    robots: tuple[RobotAddress | RobotPattern, ...] = flag(
+        "--mirror-of",
+        (),
+        "ingest a robot's tree as frames NAME/...: NAME=ENDPOINT/TREE, or 'robots/*': all "
+        "such trees on this network; ,frames=map:base_link: only their paths; ,rate=10: their "
+        "newest samples at 10 Hz; ,max-frames=N: its share; repeatable",
+        group=_GROUP,
+        action="append",
+        type=_robot,
+        metavar="ROBOT",
+    )
+    shared: tuple[str, ...] = flag(
+        "--mirror-shared",
+        (),
+        "frames that get no prefix, as in map,world",
+        group=_GROUP,
+        type=frames,
+        metavar="FRAMES",
+    )
+
+    @property
+    def links(self) -> list[RobotAddress]:
+        """The robots that are listed."""
+        return [robot for robot in self.robots if isinstance(robot, RobotAddress)]
+
+    @property
+    def patterns(self) -> list[RobotPattern]:
+        """The trees of robots that are searched for."""
+        return [robot for robot in self.robots if isinstance(robot, RobotPattern)]
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 and a message if the flags do not fit together."""
+    if options.mirror_shared and not options.mirror_of:
+        parser.error("--mirror-shared needs --mirror-of")
+    if options.mirror_of and options.replica_of:
+        parser.error(
+            "--mirror-of and --replica-of exclude each other: a replica has its primary's tree"
+        )
+    links = flag_table.read(FederationSettings, options).links
+    for name, count in Counter(link.name for link in links).items():
+        if count > 1:
+            parser.error(f"--mirror-of: {count} robots are called {name!r}")

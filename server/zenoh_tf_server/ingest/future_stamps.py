@@ -9,7 +9,6 @@ zero, so it is never ahead of this machine's clock.
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass
 from typing import Literal
@@ -20,15 +19,31 @@ from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import number
 from zenoh_tf.text.time_flags import MAX_DURATION_S
 
-DEFAULT_MAX_FUTURE_S = 3600.0
+from ..flag_table import flag
 
 
 @dataclass(frozen=True, slots=True)
 class FutureStamps:
     """How far ahead of this machine's real-time clock a dynamic transform's stamp may be."""
 
-    max_future_s: float = DEFAULT_MAX_FUTURE_S  # 0: no limit
-    policy: Literal["refuse", "flag"] = "refuse"
+    max_future_s: float = flag(
+        "--max-future-s",
+        3600.0,
+        "how far dynamic stamps may be ahead of this machine's clock; 0: no limit "
+        "(default: %(default)g)",
+        group="tree",
+        type=number(0.0, MAX_DURATION_S),
+        metavar="SECONDS",
+    )
+    policy: Literal["refuse", "flag"] = flag(
+        "--future",
+        "refuse",
+        "with a stamp beyond --max-future-s: refuse it, or store and flag it (default: "
+        "%(default)s)",
+        group="tree",
+        choices=("refuse", "flag"),
+        metavar="WHAT",
+    )
 
     @property
     def refuses(self) -> bool:
@@ -80,23 +95,3 @@ class FutureStamps:
 def frame_of(commit: wire.Commit, row: int) -> str:
     """The child frame of a row."""
     return commit.rows.names[int(commit.rows.child[row])]
-
-
-def add_flags(flags: argparse._ArgumentGroup) -> None:
-    """Add the flags of this module."""
-    flags.add_argument(
-        "--max-future-s",
-        type=number(0.0, MAX_DURATION_S),
-        default=DEFAULT_MAX_FUTURE_S,
-        metavar="SECONDS",
-        help="how far dynamic stamps may be ahead of this machine's clock; 0: no limit "
-        "(default: %(default)g)",
-    )
-    flags.add_argument(
-        "--future",
-        choices=("refuse", "flag"),
-        default="refuse",
-        metavar="WHAT",
-        help="with a stamp beyond --max-future-s: refuse it, or store and flag it (default: "
-        "%(default)s)",
-    )

@@ -7,21 +7,25 @@ indented, so that no message can pass for a record of its own. `log_handler` bou
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import sys
 import threading
 import time
 import traceback
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Literal
 
 from zenoh_tf.text import cut, printable, quoted
 
+from ..flag_table import flag
 from .log_handler import DescriptorHandler
 
 Format = Literal["text", "json"]
+
+#: The flags of logs and metrics.
+GROUP: Final = "logs and metrics (docs/reference/metrics.md)"
 
 #: UTF-8 bytes of a line, and of a JSON record with a traceback.
 MAX_LINE_BYTES: Final = 2048
@@ -43,32 +47,36 @@ _STANDARD: Final = frozenset(
 log = logging.getLogger("zenoh_tf.server")
 
 
-def add_flags(flags: argparse._ArgumentGroup) -> None:
-    """Add the flags of `setup`."""
-    flags.add_argument(
+@dataclass(frozen=True)
+class LogSettings:
+    """What the flags of the log say."""
+
+    level: str = flag(
         "--log-level",
+        "info",
+        "debug, info, warning or error (default: %(default)s)",
+        group=GROUP,
         choices=("debug", "info", "warning", "error"),
-        default="info",
         metavar="LEVEL",
-        help="debug, info, warning or error (default: %(default)s)",
     )
-    flags.add_argument(
+    format: Format = flag(
         "--log-format",
+        "text",
+        "text, or json: an object a line (default: %(default)s)",
+        group=GROUP,
         choices=("text", "json"),
-        default="text",
         metavar="FORMAT",
-        help="text, or json: an object a line (default: %(default)s)",
     )
 
 
-def setup(level: str, form: Format) -> None:
+def setup(settings: LogSettings) -> None:
     """Log everything of this process to standard error: records, Python's warnings, and
     exceptions that nothing catches."""
     handler: logging.Handler = logging.NullHandler()
     if sys.stderr is not None:  # None: the server was started without a standard error
         handler = DescriptorHandler(sys.stderr.fileno())
-    handler.setFormatter(JsonFormatter() if form == "json" else TextFormatter())
-    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    handler.setFormatter(JsonFormatter() if settings.format == "json" else TextFormatter())
+    logging.basicConfig(level=settings.level.upper(), handlers=[handler], force=True)
     logging.captureWarnings(True)
     sys.excepthook = _log_uncaught
     threading.excepthook = _log_uncaught_in_thread

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import logging
 from typing import Final
 
@@ -13,23 +12,12 @@ from ..transport.running_server import RunningServer
 from . import service_manager
 from .health import PERIOD_S, Health
 from .metrics import Metrics
-from .status_port import Page, StatusPort, parse_address
+from .status_port import Page, StatusPort
 
 log = logging.getLogger("zenoh_tf.server")
 
 #: Probes per time-out of systemd's watchdog.
 _PROBES_PER_WATCHDOG: Final = 3.0
-
-
-def add_flags(flags: argparse._ArgumentGroup) -> None:
-    """Add the flags of this module."""
-    flags.add_argument(
-        "--metrics",
-        type=parse_address,
-        metavar="HOST:PORT",
-        help="serve /metrics, /healthz and /readyz here, as in 127.0.0.1:9464; needs "
-        "zenoh-tf[metrics] (default: off)",
-    )
 
 
 class Monitoring:

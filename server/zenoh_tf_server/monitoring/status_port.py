@@ -7,7 +7,6 @@ health check is answered within milliseconds, so those that stay are of others.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import errno
 import logging
@@ -21,7 +20,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
 from zenoh_tf import threads
-from zenoh_tf.text import quoted
 
 from ..process.network import NetworkError
 
@@ -43,15 +41,6 @@ class Page:
 
 
 Pages = Mapping[str, Callable[[], Page]]
-
-
-def parse_address(text: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT or [IPV6]:PORT: a type for argparse."""
-    host, colon, port = text.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not colon or not host or not (port.isascii() and port.isdigit() and int(port) < 65536):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not HOST:PORT, such as 127.0.0.1:9464")
-    return host, int(port)
 
 
 class StatusPort:

@@ -37,8 +37,10 @@ from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import check_folder
 from zenoh_tf.text import quoted
 
+from ..flag_table import flag
 from .network import NetworkError
 
+_GROUP: Final = "clients on the same host, who read the tree's memory"
 #: The lease of core/shared/lease.hpp.
 LEASE_S: Final = 0.25
 _BACKLOG: Final = 64
@@ -56,11 +58,26 @@ log = logging.getLogger("zenoh_tf.server.sharing")
 
 @dataclass(frozen=True)
 class SharingSettings:
-    """From the flags of `add_flags`."""
+    """From the flags of sharing."""
 
-    on: bool = True
-    folder: Path | None = None  # None: the default
-    group: str | None = None
+    folder: Path | None = flag(
+        "--share-dir",
+        None,
+        "folder of their socket (default: zenoh-tf in $XDG_RUNTIME_DIR, else /run/zenoh-tf)",
+        group=_GROUP,
+        type=Path,
+        metavar="DIR",
+    )
+    group: str | None = flag(
+        "--share-group",
+        None,
+        "who may read, too (default: only the server's user)",
+        group=_GROUP,
+        metavar="GROUP",
+    )
+    off: bool = flag(
+        "--no-share", False, "nobody reads the memory; all reads are queries", group=_GROUP
+    )
     #: How long a predecessor may have a lease after it has lost the endpoints.
     predecessor_s: float = LEASE_S
 
@@ -70,33 +87,12 @@ class SharingSettings:
         return self.folder is not None or self.group is not None
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of this module."""
-    group = parser.add_argument_group("clients on the same host, who read the tree's memory")
-    group.add_argument(
-        "--share-dir",
-        type=Path,
-        metavar="DIR",
-        help="folder of their socket (default: zenoh-tf in $XDG_RUNTIME_DIR, else /run/zenoh-tf)",
-    )
-    group.add_argument(
-        "--share-group",
-        metavar="GROUP",
-        help="who may read, too (default: only the server's user)",
-    )
-    group.add_argument(
-        "--no-share",
-        action="store_true",
-        help="nobody reads the memory; all reads are queries",
-    )
-
-
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """Exit with status 2 and a message if the flags do not fit together."""
-    for flag in ("share_dir", "share_group"):
-        if getattr(options, flag) is None:
+    for dest in ("share_dir", "share_group"):
+        if getattr(options, dest) is None:
             continue
-        name = "--" + flag.replace("_", "-")
+        name = "--" + dest.replace("_", "-")
         if options.no_share:
             parser.error(f"{name} and --no-share exclude each other")
         if options.connect:
@@ -131,7 +127,7 @@ class Sharing:
         self._path: Path | None = None
         self._keeper: LeaseKeeper | None = None
         self._closed = False
-        if not settings.on:
+        if settings.off:
             return
         if joined:
             log.info("the tree is not shared: the server joined a network (--connect)")

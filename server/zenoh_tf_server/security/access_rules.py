@@ -12,7 +12,7 @@ certificates matches a client that has both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NoReturn
 
@@ -72,12 +72,14 @@ def authority_chunk(pattern: str) -> str:
     return keys.escape(prefix, "authority") + "$*" if prefix else "*"
 
 
-def parse(tables: Sequence[Mapping[str, Any]]) -> tuple[AccessRule, ...]:
+def parse(tables: Any) -> tuple[AccessRule, ...]:
     """The rules in the `[[access]]` tables of a configuration file.
 
     Raises:
         InvalidArgumentException: A table is wrong; the message says which and why.
     """
+    if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
+        _reject("write access rules as tables [[access]]")
     return tuple(_rule(table, f"access rule {number}") for number, table in enumerate(tables, 1))
 
 

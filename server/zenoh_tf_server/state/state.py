@@ -8,52 +8,52 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
 
+from ..flag_table import flag
 from ..limits import Limits
 from .file import StateError, StateFile, Stored, StoredLink, Sync
 from .remember import LastPoses
 from .static_links import StaticLinks, apply
 from .writer import StateWriter
 
+_GROUP: Final = "state (docs/explanation/state.md)"
+
 log = logging.getLogger("zenoh_tf.server.state")
 
 
 @dataclass(frozen=True)
 class StateSettings:
-    """What the flags of `add_flags` say."""
+    """What the flags of the state say."""
 
-    folder: Path | None = None  # None: nothing survives
-    sync: Sync = "full"
-    remember: tuple[str, ...] = ()  # frames whose last pose survives
-
-
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags of the state."""
-    group = parser.add_argument_group("state (docs/explanation/state.md)")
-    group.add_argument(
+    folder: Path | None = flag(
         "--state-dir",
+        None,
+        "keep static links in this folder, one per tree (default: none survives)",
+        group=_GROUP,
         type=Path,
         metavar="DIR",
-        help="keep static links in this folder, one per tree (default: none survives)",
     )
-    group.add_argument(
+    sync: Sync = flag(
         "--state-sync",
-        choices=("full", "normal"),
-        default="full",
-        metavar="WHEN",
-        help="answer a static write when it survives a power cut (full), or the server's end alone "
+        "full",
+        "answer a static write when it survives a power cut (full), or the server's end alone "
         "(normal) (default: %(default)s)",
+        group=_GROUP,
+        choices=("full", "normal"),
+        metavar="WHEN",
     )
-    group.add_argument(
+    remember: tuple[str, ...] = flag(
         "--remember",
+        (),
+        "keep the last pose of this dynamic frame, too; repeatable",
+        group=_GROUP,
         action="append",
-        default=[],
         metavar="FRAME",
-        help="keep the last pose of this dynamic frame, too; repeatable",
     )
 
 
@@ -77,6 +77,7 @@ class State:
         self._stack = ExitStack()
         writer: StateWriter | None = None
         stored = Stored()
+        remembered = tuple(dict.fromkeys(settings.remember))
         if settings.folder is not None:
             file = StateFile(settings.folder, tree_name, settings.sync)
             try:
@@ -87,9 +88,9 @@ class State:
                 raise
             writer = StateWriter(file)
             self._stack.callback(writer.close)
-        self.links = StaticLinks(tree, limits, writer, stored, settings.remember)
+        self.links = StaticLinks(tree, limits, writer, stored, remembered)
         if writer is not None:
-            poses = LastPoses(tree, settings.remember, self.links, writer, stored)
+            poses = LastPoses(tree, remembered, self.links, writer, stored)
             self._stack.callback(poses.close)
 
     def close(self) -> None:
