@@ -132,7 +132,7 @@ mutants-client: native ## the same of the client's exchange, by cosmic-ray and t
 	@$(BIN)/cr-report --show-diff --surviving-only $(MUTATED)/session.sqlite > $(MUTATED)/survivors.txt
 	@$(BIN)/cr-rate $(MUTATED)/session.sqlite
 
-attack: native ## every known attack on real servers, and the bounds they must keep; ARGS="--case 3a 13", ARGS="--python OTHER/.venv/bin/python"
+attack: native ## attacks on real servers that may hold others up, and their bounds; ARGS="--case 13 28", ARGS="--python OTHER/.venv/bin/python"
 	@$(BIN)/python -m tests.attack $(ARGS)
 
 WORKFLOWS := $(wildcard .github/workflows/*.yml)

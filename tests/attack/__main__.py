@@ -1,8 +1,7 @@
 """``python -m tests.attack``: plays the attacks on real servers and measures what they do.
 
 ``--case 3a`` plays one case, or several; ``--case 3`` all variants of 3. ``--python PATH`` runs
-servers and SDK clients of another checkout. ``--compare BEFORE.json AFTER.json`` plays nothing and
-prints the findings of two runs as Markdown. Exit status 1 if a bound is missed.
+servers and SDK clients of another checkout. Exit status 1 if a bound is missed.
 """
 
 from __future__ import annotations
@@ -15,24 +14,12 @@ import sys
 import time
 import traceback
 from pathlib import Path
-from typing import Any
 
-from . import (
-    cases_connections,
-    cases_cost,
-    cases_data,
-    cases_exit,
-    cases_load,
-    cases_memory,
-    cases_replica,
-)
+from . import cases_connections, cases_load
 from .arena import CASES, Arena, Case, Finding
 
 #: Imported for their cases.
-MODULES = (
-    *(cases_load, cases_cost, cases_data, cases_exit),
-    *(cases_memory, cases_replica, cases_connections),
-)
+MODULES = (cases_load, cases_connections)
 
 
 def cases() -> dict[str, Case]:
@@ -57,39 +44,12 @@ def play(number: str, case: Case, arena: Arena) -> list[Finding]:
     return findings
 
 
-def compare(before: Path, after: Path) -> list[str]:
-    """The table; a value that misses its bound is bold."""
-    found = ["| case | measured | before | after | bound |", "|---|---|---|---|---|"]
-    runs = [json.loads(path.read_text()) for path in (before, after)]
-    for number, case in cases().items():
-        old, new = ({record["name"]: record for record in run.get(number, [])} for run in runs)
-        description = case.description
-        for name in dict.fromkeys([*old, *new]):
-            record, now = new.get(name) or old[name], _value(new.get(name))
-            now = f"**{now}**" if name in new and not record["kept"] else now
-            bound = "" if math.isinf(record["bound"]) else f"{record['bound']:g} {record['unit']}"
-            row = (description, name, _value(old.get(name)), now, bound.strip())
-            found.append("| " + " | ".join(row) + " |")
-            description = ""
-    return found
-
-
-def _value(record: dict[str, Any] | None) -> str:
-    if record is None or math.isnan(record["value"]):
-        return "-"
-    return f"{record['value']:,.4g} {record['unit']}".strip()
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.attack", description=__doc__)
     parser.add_argument("--case", nargs="*", default=[], help="numbers, such as 3 or 3a")
     parser.add_argument("--python", default=sys.executable, help="interpreter to attack")
     parser.add_argument("--json", type=Path, help="file for the findings")
-    parser.add_argument("--compare", nargs=2, type=Path, metavar=("BEFORE", "AFTER"))
     options = parser.parse_args()
-    if options.compare:
-        print("\n".join(compare(*options.compare)))
-        return 0
     arena = Arena(options.python)
     known = cases()
     chosen = {

@@ -5,13 +5,9 @@ Each prints "ready", waits for a line on stdin, and continues until it is killed
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import json
-import mmap
 import os
 import signal
-import socket
 import sys
 import time
 
@@ -19,7 +15,7 @@ import numpy as np
 import zenoh
 
 from tests.support import messages
-from zenoh_tf._net import handover, keys
+from zenoh_tf._net import keys
 
 
 def ready() -> None:
@@ -44,48 +40,6 @@ def lookups(opened: zenoh.Session, rows: str, source: str) -> None:
     ready()
     while True:
         messages.send(opened, "lookup", payload)
-
-
-def _offer(opened: zenoh.Session) -> tuple[handover.Offer, str]:
-    """Where the server hands its tree over, and its instance."""
-    hello = messages.value(opened, "hello", "hello")
-    offer = handover.parse_offer(hello["share"])
-    assert offer is not None
-    return offer, hello["instance"]
-
-
-def region(opened: zenoh.Session) -> None:
-    """Take memory through the descriptor of the shared tree, up to 1 GB each way."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as peer:
-        peer.connect(_offer(opened)[0].socket)
-        _, [fd], _, _ = socket.recv_fds(peer, 1, 1)
-    if os.geteuid() == 0:
-        os.setuid(65534)  # a member of the group that may read, and no more
-    ready()
-
-    def taken_mb() -> float:
-        return os.fstat(fd).st_blocks / 2048
-
-    before_mb = taken_mb()
-    size = min(os.fstat(fd).st_size, 1 << 30)
-    with mmap.mmap(fd, size, mmap.MAP_SHARED, mmap.PROT_READ) as mapped:
-        for page in range(0, size, mmap.PAGESIZE):
-            mapped[page]
-    read_mb = taken_mb()
-    refused: str | None = "allowed"
-    with contextlib.suppress(OSError):  # another descriptor of the same file
-        fd = os.open(f"/proc/self/fd/{fd}", os.O_RDWR)
-    try:
-        os.posix_fallocate(fd, 0, size + (256 << 20))
-    except OSError as error:
-        refused = error.strerror
-    found = {
-        "reading_mb": read_mb - before_mb,
-        "fallocate_mb": taken_mb() - read_mb,
-        "refused": refused,
-    }
-    print(json.dumps(found), flush=True)
-    time.sleep(600)
 
 
 def remembered(opened: zenoh.Session, rows: str) -> None:
@@ -128,38 +82,9 @@ def liar(opened: zenoh.Session, endpoint: str) -> None:
                 time.sleep(max(0.0, begin_s + put / rate_hz - time.monotonic()))
 
 
-def waiters(opened: zenoh.Session, rows: str, timeout_s: str) -> None:
-    """One message that waits with many rows; says when it was refused."""
-    body = messages.same_lookup(int(rows), "probe_map", "probe_never")
-    body["timeout_ns"] = int(float(timeout_s) * 1e9)
-    ready()
-    held = messages.ask(opened, "lookup", messages.pack(body), min(float(timeout_s), 3600.0))
-    print("asked", flush=True)
-    for reply in held:
-        print(messages.kind_of(reply.err.payload.to_bytes() if reply.err else b"", True))
-    time.sleep(600)
-
-
-def known_waiters(opened: zenoh.Session, queries: str, timeout_s: str) -> None:
-    """Queries that wait, of a client with a token, which keeps asking until it is killed."""
-    _ = opened.liveliness().declare_token(keys.client(messages.TREE, str(opened.zid())))
-    messages.send(opened, "info", {"v": 1, "what": "hello"})
-    body = messages.same_lookup(1, "probe_map", "probe_never")
-    body["timeout_ns"] = int(float(timeout_s) * 1e9)
-    payload = messages.pack(body)
-    ready()
-    held = [messages.ask(opened, "lookup", payload, 3600.0) for _ in range(int(queries))]
-    print("asked", flush=True)
-    while True:  # so that some are under way when it is killed
-        held.append(messages.ask(opened, "lookup", payload, 3600.0))
-        time.sleep(0.001)
-        del held[1000:]
-
-
 def main() -> None:
     kind, endpoint, *arguments = sys.argv[1:]
-    busy = (frozen, lookups, remembered, puts, liar, region)
-    kinds = (*busy, waiters, known_waiters)
+    kinds = (frozen, lookups, remembered, puts, liar)
     play = {each.__name__: each for each in kinds}[kind]
     with messages.session(endpoint) as opened:
         play(opened, *arguments)

@@ -1,4 +1,4 @@
-"""Attacks 25 to 27: servers that hear each other, certificates that expire, asyncio clients."""
+"""Attacks 16, 26 and 27: first copies of robots, certificates that expire, asyncio clients."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import math
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import trustme
+import zenoh
 
 from tests.processes.ports import free_endpoint
 from tests.support import messages
@@ -23,77 +23,52 @@ from zenoh_tf_client import Credentials, TransformClient
 from .arena import Arena, Finding, beside, case
 from .processes import HERE, Process, Server
 
-_SITE = "site"  # the tree of the server that joins the other one's network
-_SET = 20
 _VALID_S = 6.0
+_ROBOT_FRAMES = 10_000
+_COPY_TIMEOUT_S = 60.0
 
 
 def _pose(child: str, stamp_ns: int) -> StampedTransform:
     return StampedTransform("map", child, stamp_ns, Transform((1, 0, 0)))
 
 
-def _client(server: Server, tree: str = "main") -> TransformClient:
-    return TransformClient.connect(server.endpoint, tree, 20, reads="query")
+def _client(server: Server) -> TransformClient:
+    return TransformClient.connect(server.endpoint, timeout_s=20, reads="query")
 
 
-@contextlib.contextmanager
-def _joined(arena: Arena, server: Server, *flags: str) -> Iterator[Process]:
-    """A server of another tree on a server's network."""
-    where = ("--connect", server.endpoint, "--tree", _SITE)
-    with Process([arena.python, "-m", "zenoh_tf_server", *where, *flags]) as site:
-        yield site
+def _wait_for(opened: zenoh.Session, counter: str, least: float, timeout_s: float) -> float:
+    """Seconds until a counter of `stats` has reached a value; infinity if it does not in time."""
+    start_s = time.monotonic()
+    while time.monotonic() - start_s < timeout_s:
+        if messages.stats(opened)[counter] >= least:
+            return time.monotonic() - start_s
+        time.sleep(0.1)
+    return math.inf
 
 
-def _echoes(robot: Server, *, both_set: bool) -> list[Finding]:
-    """What two servers publish on ROS 2 while clients set a moving and a static frame."""
-    with _client(robot) as here, _client(robot, _SITE) as there:
-        sources = (here, there) if both_set else (here,)
-        time.sleep(2.0)
-        for number in range(_SET):
-            for index, tf in enumerate(sources):
-                tf.set_transform(_pose(f"moves {index}", time.time_ns()))
-            if number % 5 == 0:  # sooner than a change comes back
-                for index, tf in enumerate(sources):
-                    tf.set_transform(_pose(f"stays {index}", number), static=True)
-            time.sleep(0.03)
-        time.sleep(2.0)
+@case("16: a site takes the first copy of a robot with 10,000 frames, beside lookups at the site")
+def first_copy_of_a_robot(arena: Arena) -> list[Finding]:
+    endpoint = free_endpoint()
+    took_s = math.inf
+    with tempfile.TemporaryDirectory() as folder:
+        state = ("--state-dir", str(Path(folder, "state")))
+        with arena.opened(*state) as (_, opened):
+            body = messages.star("part_", 0, _ROBOT_FRAMES, static=True)
+            messages.send(opened, "commit", body)
+        with arena.server("--mirror-of", f"robot1={endpoint}") as site:
 
-        def seen() -> tuple[int, int, int]:
-            stats = [tf.stats() for tf in (here, there)]
-            published = sum(each.get("ros2_published_transforms", 0) for each in stats)
-            frames, commits = (sum(each[name] for each in stats) for name in ("frames", "commits"))
-            return published, frames, commits
+            def attack() -> None:
+                nonlocal took_s
+                # It has its frames before anyone can reach it, so all of them are in the copy.
+                with (
+                    arena.server(*state, endpoint=endpoint),
+                    messages.session(site.endpoint) as opened,
+                ):
+                    counter = "robot_stored/robot1"
+                    took_s = _wait_for(opened, counter, _ROBOT_FRAMES, _COPY_TIMEOUT_S)
 
-        before, after_s = seen(), 3.0
-        time.sleep(after_s)
-        after = seen()
-        fights = sum(each.conflicts for tf in (here, there) for each in tf.authorities())
-    own = len(sources)
-    # Each moving sample once; all static links of a server in each message of them.
-    most = own * _SET + own * 2 * (_SET // 5)
-    return [
-        Finding("transforms published", after[0], "", most, f"{own * _SET} set"),
-        Finding("published while nothing is set", after[0] - before[0], "", 0, f"{after_s:g} s"),
-        Finding("frames made meanwhile", after[1] - before[1], "", 0, f"{after[1]} in all"),
-        Finding("commits meanwhile", after[2] - before[2], "", 0, f"{after[2]} in all"),
-        Finding("conflicts between authorities", fights, "", 0 if both_set else math.inf),
-    ]
-
-
-@case("25: two servers publish on one ROS 2 network, and both take what is there")
-def two_servers_on_ros2(arena: Arena) -> list[Finding]:
-    flags = ("--no-share", "--ros2", "--ros2-publish")
-    with arena.server(*flags) as server, _joined(arena, server, *flags):
-        return _echoes(server, both_set=True)
-
-
-@case("25b: a site publishes a robot's frames on ROS 2, where the robot's server takes them")
-def robot_that_hears_its_site(arena: Arena) -> list[Finding]:
-    with (
-        arena.server("--no-share", "--ros2") as robot,
-        _joined(arena, robot, "--no-share", "--ros2-publish", "--mirror-of", f"r={robot.endpoint}"),
-    ):
-        return _echoes(robot, both_set=False)
+            found = beside(site, ["lookup"], attack, 4.0)
+    return [Finding("first copy", took_s, "s", 10.0), *found.outages(), found.p99("lookup")]
 
 
 class _Reader:

@@ -1,10 +1,9 @@
-"""The measures of the attack tool, and that it knows every case; the attacks are `make attack`."""
+"""The measures of the attack tool; the attacks are `make attack`."""
 
 from __future__ import annotations
 
 import math
 
-from .__main__ import cases
 from .arena import Finding, failures, outage_ms, p99_ms
 from .processes import Call
 
@@ -35,9 +34,3 @@ def test_what_was_not_measured_is_not_kept() -> None:
     assert Finding("x", 1.0, "ms", 1.0).kept
     assert not Finding("x", 1.1, "ms", 1.0).kept
     assert not Finding("x", math.nan, "ms", 1.0).kept
-
-
-def test_every_case_is_known() -> None:
-    numbers = {number.rstrip("abcdefgh") for number in cases()}
-    expected = {*range(1, 29)}
-    assert numbers == {str(number) for number in expected}
