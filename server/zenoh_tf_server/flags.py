@@ -21,7 +21,6 @@ from .process import sharing
 from .ros2 import settings as ros2
 from .security import settings as security
 from .settings import DEFAULT_LISTEN, ServerSettings
-from .state import state
 
 _INTRODUCTION: Final = """\
 # Server flags
@@ -85,7 +84,6 @@ def complete(flags: argparse.ArgumentParser, options: argparse.Namespace) -> Non
     a value is wrong."""
     if options.listen and options.connect:
         flags.error("--listen and --connect exclude each other")
-    state.check(flags, options)
     sharing.check(flags, options)
     ros2.check(flags, options)
     federation.check(flags, options)

@@ -169,7 +169,7 @@ def test_an_admin_write_does_not_run_if_it_expires_while_it_waits(body: wire.Mes
         thread.start()
         return thread
 
-    with links.lock:
+    with links._lock:
         expires_ns = time.monotonic_ns() + 2_000_000_000
         thread = send(expires_ns)
         while not service.stats()["outcomes"]:  # it has begun

@@ -14,7 +14,7 @@ from tests.conftest import StartServer
 from tests.processes.ports import free_endpoint
 from tests.processes.servers import ServerProcess, refused
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf.errors import LookupException, NoDataForExtrapolationException, NotDurable
+from zenoh_tf.errors import LookupException, NotDurable
 from zenoh_tf_client import TransformClient
 
 POSE = Transform((0.1, -0.0, 1e-300), (0.5, -0.5, 0.5, 0.5))
@@ -129,51 +129,6 @@ def test_a_stop_stores_what_is_pending(start: Callable[..., ServerProcess]) -> N
     assert server.stop() == 0
     with start().connect() as tf:
         assert len(tf.frames()) == 1001
-
-
-def test_last_poses(start: Callable[..., ServerProcess], folder: Path) -> None:
-    flags = ("--remember", "base", "--remember", "gone", "--remember", "never there")
-    server = start(*flags)
-    stamp_ns = time.time_ns() - 10**9
-    with server.connect() as tf:
-        tf.set_transform(StampedTransform("map", "base", stamp_ns, POSE), authority="slam")
-        tf.set_transform(link("map", "other", 1, stamp_ns))
-        tf.set_transform(link("map", "gone", 1, stamp_ns))
-        tf.remove_frame("gone")
-        before = tf.lookup_transform("map", "base")
-    assert server.stop() == 0
-    server = start(*flags)
-    with server.connect() as tf:
-        assert sorted(tf.frames()) == ["base", "map"]
-        assert tf.lookup_transform("map", "base") == before
-        assert (tf.frame("base").authority, tf.frame("base").static) == ("slam", False)
-        with pytest.raises(NoDataForExtrapolationException):
-            tf.lookup_transform("map", "base", stamp_ns + 1)
-        # The next pose is stored without a stop; the file's log grows then.
-        log = folder / "state.sqlite3-wal"
-        size = log.stat().st_size
-        tf.set_transform(link("map", "base", 7, stamp_ns + 5))
-        while log.stat().st_size == size or tf.stats()["state_pending"]:
-            time.sleep(0.01)
-    server.kill()
-    server = start(*flags)
-    with server.connect() as tf:
-        assert tf.lookup_transform("map", "base").stamp_ns == stamp_ns + 5
-    server.stop()
-    start().stop()  # without --remember, the pose is forgotten
-    with start(*flags).connect() as tf:
-        assert tf.frames() == []
-
-
-def test_a_last_pose_from_the_future_is_left_out(start: Callable[..., ServerProcess]) -> None:
-    server = start("--remember", "base")
-    with server.connect() as tf:
-        tf.set_transform(link("map", "base", 1, time.time_ns() + 3600 * 10**9))
-    assert server.stop() == 0
-    server = start("--remember", "base")
-    assert "last pose of 'base' left out: its stamp is ahead of this clock" in server.log
-    with server.connect() as tf:
-        assert tf.set_transform(link("map", "base", 1, time.time_ns()))
 
 
 def test_two_servers_on_one_folder(start: Callable[..., ServerProcess], folder: Path) -> None:
@@ -317,7 +272,3 @@ def test_links_that_do_not_fit(start: Callable[..., ServerProcess], folder: Path
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert "cannot use --state-dir" in refusal(tmp_path / "file" / "state")
-
-
-def test_remember_needs_a_folder() -> None:
-    assert "--remember 'base' needs --state-dir" in refused("--remember", "base")

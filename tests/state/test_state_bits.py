@@ -26,7 +26,7 @@ def stored(folder: Path) -> tuple[bytes, Stored]:
         (Table.STATIC_LINKS, f"child{n}"): link(n, by_call=n % 2 == 0) for n in range(12)
     }
     removed = {(Table.REMOVED_LINKS, name): number for name, number in REMOVED.items()}
-    file.write({**links, **removed, (Table.LAST_POSES, "base"): link(0.5)})
+    file.write({**links, **removed})
     found = file.read()
     file.close()
     assert found.removed_links == REMOVED

@@ -35,7 +35,7 @@ _LOCK_NAME: Final = "lock"
 _CREATE: Final = (
     "CREATE TABLE entries (section TEXT NOT NULL, name TEXT NOT NULL, value BLOB NOT NULL, "
     "checksum INTEGER NOT NULL, PRIMARY KEY (section, name), "
-    "CHECK (section IN ('served', 'static_links', 'last_poses', 'removed_links')))"
+    "CHECK (section IN ('served', 'static_links', 'removed_links')))"
 )
 _INSERT: Final = "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?)"
 #: The section with the name of the tree.
@@ -55,7 +55,6 @@ class Table(Enum):
     """The sections of what is stored, each by the name of its child frame."""
 
     STATIC_LINKS = "static_links"
-    LAST_POSES = "last_poses"
     #: Static links that were removed: the number grows with each removal.
     REMOVED_LINKS = "removed_links"
 
@@ -79,7 +78,6 @@ class Stored:
     """All that a file holds."""
 
     static_links: dict[str, StoredLink] = field(default_factory=dict)
-    last_poses: dict[str, StoredLink] = field(default_factory=dict)
     removed_links: dict[str, int] = field(default_factory=dict)
 
 
@@ -124,12 +122,10 @@ class StateFile:
             StateError: A row is damaged.
         """
         try:
-            links, poses = (
-                {name: StoredLink(*fields) for name, fields in self._entries(table.value)}
-                for table in (Table.STATIC_LINKS, Table.LAST_POSES)
-            )
+            entries = self._entries(Table.STATIC_LINKS.value)
+            links = {name: StoredLink(*fields) for name, fields in entries}
             removed = sorted(self._entries(Table.REMOVED_LINKS.value), key=itemgetter(1))
-            return Stored(links, poses, dict(removed))
+            return Stored(links, dict(removed))
         except (sqlite3.Error, UnicodeError) as error:
             raise self._unusable(error) from error
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -62,20 +61,17 @@ class StaticLinks:
         limits: Limits,
         writer: StateWriter | None,
         stored: Stored,
-        remembered: Iterable[str] = (),
     ) -> None:
-        """`stored`: what the tree was restored from. `remembered`: frames with a last pose."""
+        """`stored`: what the tree was restored from."""
         self._tree = tree
         self._limits = limits
         self._writer = writer
-        #: Also held by the thread that stores last poses, so that no removed pose is stored.
-        self.lock = threading.Lock()
+        self._lock = threading.Lock()
         self._names = set(stored.static_links)
         # Those of them that a call has set. No announcement replaces them: a call is a correction,
         # and whoever announces does not know of it.
         self._by_call = {name for name, link in stored.static_links.items() if link.by_call}
         self._announced: set[str] = set()  # those whose link an announcement has stored
-        self._remembered = frozenset(remembered)
         # Frames whose static link was removed, by the number of the removal; oldest first.
         self._removed = OrderedDict(stored.removed_links)
         self._last_removal = max(self._removed.values(), default=0)
@@ -100,7 +96,7 @@ class StaticLinks:
         Raises:
             TransformException: The commit is rejected.
         """
-        with self.lock:
+        with self._lock:
             if commit.announce:
                 return self._announce(commit)
             return self._commit(commit, by_call=by_call)
@@ -115,7 +111,7 @@ class StaticLinks:
         children = {commit.rows.names[index] for index in commit.rows.child.tolist()}
         if children.isdisjoint(self._names):
             return NO_STATE_WRITE
-        with self.lock:
+        with self._lock:
             switched = [name for name in children & self._names if not self._is_static(name)]
             self.changes += bool(switched)
             self._drop_names(switched)
@@ -126,19 +122,18 @@ class StaticLinks:
 
     def clear(self, keep_static: bool, expires_ns: int) -> int:
         """Drop all samples, and static links unless they are kept."""
-        with self.lock:
+        with self._lock:
             self._tree._clear(keep_static, expires_ns)
             self.changes += 1
             gone = [] if keep_static else list(self._names)
-            return self._put(self._forget(gone) | self._forget_poses(self._remembered))
+            return self._put(self._forget(gone))
 
     def reset(self, expires_ns: int) -> int:
         """Drop every frame, and what is known of removed links."""
-        with self.lock:
+        with self._lock:
             self._tree._reset(expires_ns)
             self.changes += 1
-            changes = self._forget_poses(self._remembered)
-            changes |= {(Table.STATIC_LINKS, name): None for name in self._names}
+            changes: Changes = {(Table.STATIC_LINKS, name): None for name in self._names}
             # The tree is as new: every broadcaster may announce its links to the next server.
             changes |= {(Table.REMOVED_LINKS, name): None for name in self._removed}
             self._names.clear()
@@ -153,25 +148,23 @@ class StaticLinks:
         Raises:
             TransformException: The frame cannot be removed.
         """
-        with self.lock:
-            before = self._names | self._remembered
+        with self._lock:
+            before = list(self._names)
             self._tree._remove_frame(name, subtree, expires_ns)
             self.changes += 1
-            gone = self._missing(list(before)) if subtree else before & {name}
-            return self._put(
-                self._forget(list(gone & self._names)) | self._forget_poses(gone & self._remembered)
-            )
+            gone = self._missing(before) if subtree else self._names & {name}
+            return self._put(self._forget(list(gone)))
 
     def records(self) -> list[dict[str, Any]]:
         """The records of all frames with a static link."""
-        with self.lock:
+        with self._lock:
             names = list(self._names)
         records = [record for name in names if (record := self._record(name)) is not None]
         return [record for record in records if record["static"] and record["parent"] is not None]
 
     def is_static_of(self, frame: str, authority: str) -> bool:
         """True if a frame has a static link, and an authority has set it last, by a put."""
-        with self.lock:
+        with self._lock:
             record = self._record(frame)
             return (
                 record is not None
@@ -182,14 +175,14 @@ class StaticLinks:
 
     def has_link(self, frame: str) -> bool:
         """True if a frame has a parent."""
-        with self.lock:
+        with self._lock:
             record = self._record(frame)
             return record is not None and record["parent"] is not None
 
     def is_set_by_call(self, frame: str) -> bool:
         """True if a call has set a frame's static link last: a correction, which no announcement
         replaces."""
-        with self.lock:
+        with self._lock:
             return frame in self._by_call
 
     def wait(self, state_write: int) -> None:
@@ -321,10 +314,6 @@ class StaticLinks:
         self._names.difference_update(names)
         self._by_call.difference_update(names)
         self._announced.difference_update(names)
-
-    @staticmethod
-    def _forget_poses(names: Iterable[str]) -> Changes:
-        return {(Table.LAST_POSES, name): None for name in names}
 
     def _put(self, changes: Changes) -> int:
         if not changes or self._writer is None:
