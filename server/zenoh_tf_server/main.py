@@ -16,6 +16,7 @@ from typing import NoReturn
 import uvloop
 
 from zenoh_tf._net import zenoh_config
+from zenoh_tf._zenoh.receive_threads import set_receive_threads
 from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.free_memory import set_up_heaps
 from zenoh_tf.text import printable
@@ -24,7 +25,7 @@ from . import capacity, flags
 from .monitoring import logs
 from .monitoring.metrics import MetricsMissing
 from .monitoring.monitoring import Monitoring
-from .process.network import NetworkError, set_receive_threads
+from .process.network import NetworkError
 from .process.tree_claim import TreeTaken
 from .replica.server import ReplicaServer
 from .security import settings as security

@@ -14,7 +14,7 @@ import zenoh
 from tests.processes import forks
 from tests.processes.ports import free_endpoint
 from zenoh_tf._net import keys, zenoh_config
-from zenoh_tf_server.process.abandoned_keys import AbandonedKeys
+from zenoh_tf._zenoh.abandoned_keys import AbandonedKeys
 
 COUNT = 3000
 #: A publisher of each name, in a process that is then killed.

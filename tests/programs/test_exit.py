@@ -274,7 +274,7 @@ asyncio.run(main())
 COLLECTED = """
 import atexit, gc, threading, time
 atexit.register(lambda: print("end", flush=True))  # after the exit handler of the package
-from zenoh_tf_client.session.calls import SessionCalls
+from zenoh_tf._zenoh.calls import SessionCalls
 
 class Connection:
     def __init__(self):

@@ -52,8 +52,8 @@ def test_the_packages_keep_all_contracts(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "line", "contract"),
     [
-        (f"{SDK}/session/calls.py", "import zenoh_tf_server", "The packages"),
-        (f"{SDK}/session/calls.py", "import zenoh_tf_tools.stamps", "The packages"),
+        (f"{SDK}/session/access.py", "import zenoh_tf_server", "The packages"),
+        (f"{SDK}/session/access.py", "import zenoh_tf_tools.stamps", "The packages"),
         ("zenoh_tf/_net/keys.py", "import zenoh_tf_client", "The packages"),
         (f"{SERVER}/limits.py", "from .streams import interests", "The server's folders"),
         (f"{SDK}/requests/columns.py", "from ..session import steps", "The SDK's folders"),

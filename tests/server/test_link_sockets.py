@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from zenoh_tf._net import link_sockets
+from zenoh_tf._zenoh import link_sockets
 
 Pair = tuple[socket.socket, socket.socket]
 

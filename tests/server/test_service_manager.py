@@ -26,13 +26,13 @@ from tests.processes.ports import free_endpoint
 from tests.support.waiting import wait_until
 from zenoh_tf import wire
 from zenoh_tf._net import keys, zenoh_config
-from zenoh_tf._net.link_sockets import LinkSocket, LinkSockets
+from zenoh_tf._zenoh.link_sockets import LinkSocket, LinkSockets
+from zenoh_tf._zenoh.outbox_links import OutboxLinks
 from zenoh_tf.text.flag_values import size
 from zenoh_tf_server import config_file, flags
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.monitoring import health, service_manager
 from zenoh_tf_server.transport.clients import Clients
-from zenoh_tf_server.transport.outbox_links import OutboxLinks
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "server/systemd/zenoh-tf-server.service"

@@ -7,12 +7,12 @@ import weakref
 from typing import ClassVar, Final
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._zenoh.calls import raise_if_forked
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException, must_be
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.text import quoted
 
 from ..requests.receipt import Receipt
-from ..session.calls import raise_if_forked
 from ..session.connection import Connection
 from .interest import interested
 from .reads import PLAIN, WAITING, MirrorReads

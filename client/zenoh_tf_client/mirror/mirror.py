@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self, TypeVar
 
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, wire
+from zenoh_tf._zenoh.calls import raise_if_forked
 from zenoh_tf.gate import Gate
 
 from ..requests import lookups
 from ..requests.receipt import Receipt
 from ..requests.request import Request
-from ..session.calls import raise_if_forked
 from ..session.connection import Connection
 from ..session.shared_reads import SharedReads
 from ..transaction import Transaction, repeat

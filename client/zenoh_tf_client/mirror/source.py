@@ -13,13 +13,13 @@ from zenoh.handlers import RingChannel
 
 from zenoh_tf import wire
 from zenoh_tf._net import keys
+from zenoh_tf._zenoh.calls import SessionCalls, is_forked
 from zenoh_tf.errors import ServerBusy
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.source import ServerStatus, State
 
 from ..publish.publisher import undeclare_unless_closed
 from ..requests.request import Call
-from ..session.calls import SessionCalls, is_forked
 from ..session.connection import Connection
 
 

@@ -6,11 +6,11 @@ import time
 from collections.abc import AsyncIterator, Iterator
 from typing import Self
 
+from zenoh_tf._zenoh.calls import raise_if_forked
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.loop_waits import LoopWaits
 from zenoh_tf.text import quoted
 
-from ..session.calls import raise_if_forked
 from .base_mirror import BaseMirror
 from .watching import PoseEvent, Terms, Watching
 

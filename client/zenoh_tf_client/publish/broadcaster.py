@@ -9,9 +9,9 @@ from typing import Self
 
 from zenoh_tf import StampedTransform
 from zenoh_tf._net import keys
+from zenoh_tf._zenoh.calls import is_forked, raise_if_forked
 from zenoh_tf.errors import ServerUnavailable
 
-from ..session.calls import is_forked, raise_if_forked
 from ..session.connection import Connection
 from .announcer import Announcer
 from .publisher import Publisher, message

@@ -13,9 +13,9 @@ import zenoh
 
 from zenoh_tf import StampedTransform, wire
 from zenoh_tf._core import TransformRows
+from zenoh_tf._zenoh.calls import SessionCalls
 from zenoh_tf.errors import LimitExceeded, ServerUnavailable
 
-from ..session.calls import SessionCalls
 from ..session.connection import Connection
 
 

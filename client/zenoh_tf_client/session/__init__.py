@@ -4,7 +4,7 @@ In comes a `Request`; out goes its result. Most reads are one query of `connecti
 For all else `exchange` decides as steps, without I/O, what is sent and when it is sent again;
 `connection` runs these steps with blocking calls, `aio.session` on an event loop. `mapped_tree`
 maps the server's tree, so that a lookup there sends nothing, and `shared_reads` asks the server
-where that has no answer. `calls` keeps threads out of Zenoh while the process ends.
+where that has no answer.
 
 It may import `requests`.
 """

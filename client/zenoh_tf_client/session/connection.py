@@ -21,11 +21,11 @@ from zenoh_tf import threads
 from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
 from zenoh_tf._net.queries import NoReply, Queries
+from zenoh_tf._zenoh.calls import SessionCalls, is_forked
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
 from ..requests.receipt import Receipt
 from ..requests.request import Request
-from .calls import SessionCalls, is_forked
 from .exchange import Exchange
 from .links import reconnect
 from .links.choice import Links

@@ -6,7 +6,7 @@ again. A thread then maps the memory of the server that answers, and no lookup w
 
 A lookup in memory takes a tenth of a microsecond, so the client keeps the tree in an attribute of
 its own. No native function calls back to ask the server: a daemon thread that waits there while the
-program ends would crash it (`calls`).
+program ends would crash it (`_zenoh/calls`).
 
 Thread safety: all methods.
 """
@@ -22,11 +22,11 @@ from typing import Any, Final, Literal, Protocol, TypeVar, cast
 from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import NotTrusted
+from zenoh_tf._zenoh.calls import is_forked
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
 from ..requests.request import Read, Rows, VersionedRead
-from .calls import is_forked
 from .connection import Connection
 from .server_info import ServerInfo
 

@@ -13,12 +13,12 @@ from concurrent.futures import Future
 from typing import Any, Final, TypeVar
 
 from zenoh_tf import StampedTransform, threads
+from zenoh_tf._zenoh.calls import is_forked, raise_if_forked
 from zenoh_tf.errors import ServerUnavailable, ServiceException
 from zenoh_tf_client.aio.client import AsyncTransformClient
 from zenoh_tf_client.aio.session.connection import Connection
 from zenoh_tf_client.aio.session.waits import in_rounds
 from zenoh_tf_client.client import TransformClient
-from zenoh_tf_client.session.calls import is_forked, raise_if_forked
 
 from .messages import TransformStamped, message_of
 

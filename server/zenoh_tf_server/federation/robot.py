@@ -20,8 +20,9 @@ from typing import Any, Final
 import zenoh
 
 from zenoh_tf import TransformTree, admission, threads, wire
-from zenoh_tf._net import connect_failure, zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
+from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 

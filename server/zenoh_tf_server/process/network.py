@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -10,8 +9,9 @@ from typing import Final
 import zenoh
 
 from zenoh_tf import wire
-from zenoh_tf._net import connect_failure, zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
+from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import AccessDenied
 
 from ..limits import Limits
@@ -23,23 +23,12 @@ RETRY: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_f
 #: Messages of up to this many times the limit are received, so that the server can refuse them
 #: with a reply. Zenoh closes the connection of a client that sends a larger one.
 RECEIVE_MARGIN: Final = 4
-#: Where Zenoh reads the sizes of its thread pools.
-_RUNTIME: Final = "ZENOH_RUNTIME"
-#: Zenoh's receive threads. A publisher that outruns the server occupies one of them while it is
-#: held back (`ingest`). With Zenoh's own two, two such publishers shut out everybody's queries.
-_RECEIVE_THREADS: Final = 16
 #: Between two attempts at several routers.
 _PAUSE_S: Final = 0.1
 
 
 class NetworkError(Exception):
     """The session cannot be opened; the message is one line for the user."""
-
-
-def set_receive_threads() -> None:
-    """Let Zenoh receive on more threads than by default, in this process. Must be called before
-    its first session. A user's own `ZENOH_RUNTIME` stays."""
-    os.environ.setdefault(_RUNTIME, f"(rx: (worker_threads: {_RECEIVE_THREADS}))")
 
 
 def open_session(

@@ -15,9 +15,10 @@ import zenoh
 from zenoh.handlers import RingChannel
 
 from zenoh_tf import wire
-from zenoh_tf._net import connect_failure, keys, zenoh_config
+from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.queries import NoReply, Queries
+from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import AccessDenied, ServerUnavailable
 from zenoh_tf.mirrors.source import ServerStatus
 

@@ -7,14 +7,15 @@ from contextlib import ExitStack
 
 import zenoh
 
-from zenoh_tf._net.link_sockets import LinkSockets
+from zenoh_tf._zenoh.abandoned_keys import AbandonedKeys
+from zenoh_tf._zenoh.link_sockets import LinkSockets
+from zenoh_tf._zenoh.outbox_links import OutboxLinks
+from zenoh_tf._zenoh.replies import Replies
 from zenoh_tf.mirrors.free_memory import FreeMemory
 
-from ..process.abandoned_keys import AbandonedKeys
+from ..fair_share import FairShare
 from ..requests.handler import Handler
 from .clients import Clients
-from .outbox_links import OutboxLinks
-from .replies import Replies
 from .workers import Workers
 
 
@@ -38,7 +39,10 @@ class RunningServer:
         stack.callback(clients.close)
         sockets = LinkSockets(session)
         stack.callback(sockets.close)
-        replies = Replies(OutboxLinks(sockets, clients), service.limits, service.error)
+        limits = service.limits
+        unread = FairShare(limits, "all_unread_reply_bytes", "unread_reply_bytes")
+        links = OutboxLinks(sockets, clients)
+        replies = Replies(links, unread, 2 * limits.unread_reply_bytes, service.error)
         stack.callback(replies.close)
         clients.when_gone(replies.forget)
         clients.when_gone(service.client_gone)

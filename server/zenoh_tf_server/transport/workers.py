@@ -27,12 +27,12 @@ from zenoh.handlers import FifoChannel
 
 from zenoh_tf import threads
 from zenoh_tf._net import keys
+from zenoh_tf._zenoh.replies import Replies, Reply
 
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
-from .lanes import Admission, Lane, QueuedRequest, QueueShares
-from .replies import Replies, Reply
+from .lanes import RETRY_AFTER_S, Admission, Lane, QueuedRequest, QueueShares
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -136,7 +136,7 @@ class Workers:
                 data = payload.to_bytes() if payload is not None else b""
             reply_to = self._reply_to(query, request_type, len(data))
             if self._replies.unread.total:  # not the common case
-                refusal = self._replies.refusal(reply_to.client)
+                refusal = self._replies.refusal(reply_to.client, RETRY_AFTER_S)
                 if refusal is not None:
                     reply_to(self._service.error(refusal), True)
                     return

@@ -16,13 +16,13 @@ from typing import Final
 import zenoh
 
 from zenoh_tf._net.queries import ZENOH_TIMEOUT, ReplyParts
+from zenoh_tf._zenoh.thread_states import keep_thread_state
 from zenoh_tf.errors import ServerUnavailable, TransformException
 
 from ...session.connection import Connection
 from ...session.steps import Ask
 from .threads import Worker
 from .wake import Wake
-from .zenoh_threads import keep_thread_state
 
 #: A thread sends what is more than this beyond what the server is known to have received. Zenoh
 #: blocks its caller when its own queue and the sockets' are full, as happens with a server that was

@@ -16,9 +16,10 @@ from typing import Final, TypeVar
 import zenoh
 
 from zenoh_tf import threads
-from zenoh_tf._net import connect_failure, zenoh_config
+from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.queries import NoReply
+from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import ServerUnavailable, TransformException
 
 from ..exchange import Exchange

@@ -12,8 +12,7 @@ from zenoh.handlers import RingChannel
 
 from zenoh_tf._net import keys
 from zenoh_tf._net.queries import Queries
-
-from ..calls import SessionCalls
+from zenoh_tf._zenoh.calls import SessionCalls
 
 #: Reports between two looks; the newest count.
 _QUEUED_REPORTS: Final = 64
@@ -41,7 +40,7 @@ class Link:
         self._was_cut = False
 
     def __del__(self) -> None:
-        # Zenoh would close the session when it is freed, outside of `calls`.
+        # Zenoh would close the session when it is freed, outside of `_calls`.
         if hasattr(self, "calls"):
             self.calls.add_owner(self)  # the garbage collector has cleared that reference
             self.calls.close()

@@ -1,26 +1,21 @@
 """Opens the Zenoh session of a client, and finds out why if that fails.
 
-Opening blocks in native code, which neither a signal nor another thread can interrupt. So a thread
-makes each attempt while the caller waits in Python, where Ctrl-C is heard. No attempt is long: the
-thread of a caller that was interrupted ends with its attempt, and a program that ends waits for it.
+No attempt is long, as none can be interrupted (`zenoh_tf._zenoh.opening`).
 """
 
 from __future__ import annotations
 
-import contextlib
 import time
-from concurrent.futures import Future, InvalidStateError
 from typing import Final
 
 import zenoh
 
-from zenoh_tf import threads, wire
-from zenoh_tf._net import connect_failure, zenoh_config
+from zenoh_tf import wire
+from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
+from zenoh_tf._zenoh import connect_failure, opening
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf.mirrors.free_memory import limit_heaps
-
-from ..calls import OPENING, record_zenoh_use
 
 #: The first attempt's time; the others take longer, for slow networks.
 _FIRST_ATTEMPT_S: Final = 1.0
@@ -73,8 +68,6 @@ def try_endpoint(endpoint: str, attempt_s: float, credentials: Credentials) -> z
         InvalidArgumentException: The endpoint or `credentials` is invalid.
         ServerUnavailable: The program is ending, or its process was forked.
     """
-    record_zenoh_use()
-    opened: Future[zenoh.Session] = Future()
     try:
         config = zenoh_config.client(
             [endpoint],
@@ -84,9 +77,7 @@ def try_endpoint(endpoint: str, attempt_s: float, credentials: Credentials) -> z
             credentials=credentials,
         )
         limit_heaps()  # before the session's threads start
-        with OPENING:  # in this thread: the error of a forked process needs no other
-            threads.start("open session", _open, config, opened)
-        return opened.result()
+        return opening.open_session(config)
     except zenoh.ZError as error:
         if _NOBODY_THERE in str(error):  # another attempt may succeed
             return None
@@ -95,20 +86,3 @@ def try_endpoint(endpoint: str, attempt_s: float, credentials: Credentials) -> z
             f"{str(error).split(' at /', maxsplit=1)[0]}",
             field="endpoint",
         ) from error
-    except BaseException:
-        opened.cancel()  # the caller was interrupted: nobody uses the session
-        raise
-
-
-def _open(config: zenoh.Config, opened: Future[zenoh.Session]) -> None:
-    try:
-        with OPENING:
-            session = zenoh.open(config)
-            if not opened.set_running_or_notify_cancel():  # the caller has gone
-                with contextlib.suppress(zenoh.ZError):
-                    session.close()
-                return
-        opened.set_result(session)
-    except BaseException as error:
-        with contextlib.suppress(InvalidStateError):  # the caller has gone
-            opened.set_exception(error)

@@ -1,13 +1,16 @@
 """Keeps threads out of Zenoh while the interpreter ends.
 
 A thread that returns from native code during Python's finalization is ended by `pthread_exit`.
-That unwinds through Zenoh's Rust frames and aborts the process. So each call into a Zenoh session
-runs inside the session's `SessionCalls`, and opening one inside `OPENING`. An exit handler, which
-runs before finalization, closes all sessions that are still open and waits until no thread is
-inside a call.
+That unwinds through Zenoh's Rust frames and aborts the process (PyO3/pyo3#4874). Of Python 3.14 the
+documentation of `PyEval_RestoreThread` says: "Hangs the current thread, rather than terminating it,
+if called while the interpreter is finalizing." Before, each call into a Zenoh session must be left
+by then: it runs inside the session's `SessionCalls`, and opening one inside `OPENING`. An exit
+handler, which runs before finalization, closes all sessions that are still open and waits until no
+thread is inside a call.
 
-Zenoh's threads do not exist in a child that was forked from a process with a session: there, every
-call fails at once, and nothing that belongs to Zenoh is closed or freed.
+Zenoh's threads do not exist in a child that was forked from a process with a session, and Zenoh's
+calls wait there for ever. So there every call fails at once, and nothing that belongs to Zenoh is
+closed or freed.
 
 Thread safety: all functions and methods.
 """
@@ -26,8 +29,8 @@ from types import TracebackType
 
 import zenoh
 
-from zenoh_tf import threads
-from zenoh_tf.errors import ServerUnavailable
+from .. import threads
+from ..errors import ServerUnavailable
 
 #: How long the exit handler waits for calls to return before it gives up: a session that the
 #: server does not let close takes 10 s.

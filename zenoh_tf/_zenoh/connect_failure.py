@@ -1,5 +1,9 @@
-"""Why a connection failed. Zenoh says only that it could not connect; here a short look at the
-port finds out whether something listens, speaks TLS, and can be trusted.
+"""Why a connection failed: a short look at the port finds out whether something listens, speaks
+TLS, and can be trusted.
+
+Zenoh's error is the same for all of these: `zenoh.open` raises a ZError "Unable to connect to any
+of [...]", whatever the other end has said (the close message's reason is only logged, as in
+eclipse-zenoh/zenoh#2577).
 """
 
 from __future__ import annotations
@@ -12,11 +16,11 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
+from .._net import zenoh_config
+from .._net.credentials import Credentials, load_authorities, load_certificate
 from ..errors import AccessDenied, InvalidArgumentException, ServerUnavailable
 from ..errors import TransformException as Failure
 from ..text import quoted
-from . import zenoh_config
-from .credentials import Credentials, load_authorities, load_certificate
 
 _TIMEOUT_S: Final = 2.0
 #: How long a server may take to refuse a client's certificate after the handshake.

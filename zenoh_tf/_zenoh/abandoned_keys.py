@@ -5,6 +5,7 @@ before its session. If the session ends first, or its process is killed, the rou
 the key for good. It checks again whether anybody needs a key when a token under that key goes, so
 this server declares and removes one, in about 10 us. A key that a publisher still has stays.
 
+As in eclipse-zenoh/zenoh#1518, where the memory of a publisher's key is not released either.
 Without this, each authority that is never seen again cost 5 kB, as a broadcaster has two keys.
 
 Thread safety: all methods.
@@ -18,8 +19,8 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf._net import keys
-from zenoh_tf.threads import Periodic
+from .._net import keys
+from ..threads import Periodic
 
 #: Keys are checked this often, if a client has gone since.
 _PERIOD_S: Final = 30.0

@@ -1,5 +1,7 @@
 """Sends replies, so that a client that does not read delays nobody else.
 
+Zenoh would block the thread that replies to it, and its routing tables (eclipse-zenoh/zenoh#1876).
+
 No thread ever waits for a client. Each client has an outbox with a credit: how many bytes its
 link accepts now without blocking (`outbox_links`). A worker sends a reply itself as long as the
 credit lasts. Else the reply waits in the outbox, and the sender thread continues when the link has
@@ -29,13 +31,10 @@ from typing import Final
 
 import zenoh
 
-from zenoh_tf import threads
-from zenoh_tf.errors import LimitExceeded, TransformException
-
-from ..fair_share import FairShare
-from ..limits import Limits
-from .lanes import RETRY_AFTER_S
+from .. import threads
+from ..errors import LimitExceeded, TransformException
 from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
+from .server_parts import Share
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -160,16 +159,21 @@ class Replies:
     """All outboxes, and the sender thread."""
 
     def __init__(
-        self, links: OutboxLinks, limits: Limits, encode: Callable[[Exception], bytes]
+        self,
+        links: OutboxLinks,
+        unread: Share,
+        cut_off_bytes: int,
+        encode: Callable[[Exception], bytes],
     ) -> None:
-        """`encode` gives the bytes of an error reply."""
+        """`unread`: what waits; nothing waits for any client while its total is 0. A client for
+        which more than `cut_off_bytes` wait, and which asks on, loses its connection. `encode`
+        gives the bytes of an error reply."""
         self._links = links
         self._encode = encode
-        self._limits = limits
+        self._cut_off_bytes = cut_off_bytes
         self._lock = threading.Lock()
         self._outboxes: dict[str, _Outbox] = {}
-        #: Changed under the lock, read without. Nothing waits for any client while its total is 0.
-        self.unread = FairShare(limits, "all_unread_reply_bytes", "unread_reply_bytes")
+        self.unread = unread
         self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
         self._closing = False
@@ -211,15 +215,15 @@ class Replies:
             self._handed_over.append(outbox)
             self._wake_up()
 
-    def refusal(self, client: str) -> TransformException | None:
+    def refusal(self, client: str, retry_after_s: float) -> TransformException | None:
         """Why a new request of the client must be refused: so many bytes of replies wait for the
         client, or for all. None: nothing stands against it, as long as `unread.total` is 0."""
         with self._lock:
             held = self.unread.held(client)
             if not held or self.unread.try_take(client, 0):
                 return None
-            refusal = self.unread.refusal(client, 0, RETRY_AFTER_S)
-        if held > 2 * self._limits.unread_reply_bytes:
+            refusal = self.unread.refusal(client, 0, retry_after_s)
+        if held > self._cut_off_bytes:
             # It continues to ask, and even the refusals are not read.
             self._cut_off += self._links.cut_full(client)
         return refusal

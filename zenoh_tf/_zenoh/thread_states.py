@@ -1,8 +1,8 @@
 """Keeps what Python needs to run a callback on a thread of Zenoh's.
 
-Python makes a thread state for each callback on a thread that it does not know, and frees it
-afterwards. Both together take as long as the callback itself. `keep_thread_state` lets the
-thread keep its state. Zenoh has a few such threads, which live as long as the process.
+PyO3 makes a thread state for each callback on a thread that Python does not know, and frees it
+afterwards. Both together take as long as the callback itself. `keep_thread_state` lets the thread
+keep its state. Zenoh has a few such threads, which live as long as the process.
 """
 
 from __future__ import annotations

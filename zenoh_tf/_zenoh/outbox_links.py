@@ -4,6 +4,8 @@ A client that has said who it is, and is connected, has links of its own. The re
 query may go to each link that never was a known client's, for example to a router with clients
 behind it: it is sent when all of those have room. The server's queries to itself have no link.
 
+For eclipse-zenoh/zenoh#1876, as `link_sockets`.
+
 Thread safety: all methods.
 """
 
@@ -12,10 +14,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from zenoh_tf._net.link_sockets import LinkSocket, LinkSockets
-
-from ..requests.handler import UNKNOWN
-from .clients import Clients
+from .link_sockets import LinkSocket, LinkSockets
+from .server_parts import Clients
 
 #: A link that is writable accepts this much, whatever the kernel has free: Zenoh's own queue has
 #: room for two batches of 64 KiB.
@@ -50,7 +50,7 @@ class OutboxLinks:
 
     def is_gone(self, client: str) -> bool:
         """True if this is the id of a client that is connected no more."""
-        return client != UNKNOWN and not self._clients.known(client)
+        return bool(client) and not self._clients.known(client)
 
     def is_empty(self, client: str) -> bool:
         """True if all that was sent has arrived at the client's machine."""

@@ -1,6 +1,7 @@
 """The sockets of the Zenoh links, to ask whether a send would block.
 
-Zenoh has no call that sends without blocking. A reply to a client that does not read blocks the
+Zenoh has no call that sends without blocking (eclipse-zenoh/zenoh#1876 "Blocking push can block the
+router indefinitely"; #2587 proposes a `try_put`). A reply to a client that does not read blocks the
 sending thread, and Zenoh's routing tables with it: the next client that comes or goes then stops
 everyone (docs/explanation/decisions/0008-replies-never-block.md). So the server asks the kernel
 about the link's socket before it hands a reply to Zenoh. A client ends a link on which nothing
