@@ -23,7 +23,6 @@ from .session import environment
 from .session.connection import DEFAULT_TIMEOUT_S, Connection
 from .session.mapped_tree import MappedTree, Mode, check
 from .session.public import own_methods
-from .session.shared_reads import SharedReads
 from .transaction import Transaction, repeat
 from .writes import Writes
 
@@ -31,7 +30,7 @@ T = TypeVar("T")
 
 
 @own_methods
-class TransformClient(Lookups, Writes, Introspection):
+class TransformClient(Lookups, Introspection, Writes):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,
@@ -69,9 +68,8 @@ class TransformClient(Lookups, Writes, Introspection):
                 "use TransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        mapped = MappedTree(connection) if mapped is None else mapped
-        self._reads = SharedReads(connection, mapped)
-        mapped.attach(self)
+        self._mapped = MappedTree(connection) if mapped is None else mapped
+        self._mapped.attach(self)
         self._broadcasters: set[Broadcaster] = set()  # those that are open
 
     @classmethod
@@ -147,7 +145,7 @@ class TransformClient(Lookups, Writes, Introspection):
         """
         # The connection first: a thread inside `send` may hold its broadcaster for long.
         self._connection.close()
-        self._reads.mapped.close()
+        self._mapped.close()
         self._close_broadcasters()
 
     def _close_broadcasters(self) -> None:
@@ -172,7 +170,7 @@ class TransformClient(Lookups, Writes, Introspection):
         of the server, as long as its memory cannot be read. This changes by itself, for example
         when the server restarts; `stats` has the reasons, under names with ``reads_``.
         """
-        return self._reads.mapped.in_use
+        return self._mapped.in_use
 
     def gate(
         self,
@@ -196,7 +194,7 @@ class TransformClient(Lookups, Writes, Introspection):
 
         None if the server gave it that commits what is written, and so has the latest state.
         """
-        return self._connection.exchange.age_s
+        return self._connection.age_s
 
     @property
     def last_receipt(self) -> Receipt | None:
@@ -240,7 +238,7 @@ class TransformClient(Lookups, Writes, Introspection):
         Example:
             ``with tf.transaction() as tx: tx.set_transform(stamped)``
         """
-        return Transaction(self._connection, self._reads)
+        return Transaction(self._connection, self._mapped)
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """Call `function` with a new transaction and commit it; repeat this after a conflict.
@@ -308,7 +306,7 @@ class TransformClient(Lookups, Writes, Introspection):
             ``with tf.mirror() as m: print(m.lookup_transform("map", "base"))``
         """
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
-        return Mirror(self._connection, self._reads, timeout_s, interest)
+        return Mirror(self._connection, self._mapped, timeout_s, interest)
 
     def watch(
         self,

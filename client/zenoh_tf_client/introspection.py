@@ -9,16 +9,15 @@ from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
-from .requests import info, lookups
-from .session.connection import Connection
-from .session.shared_reads import SharedReads
+from .reads import Reads
+from .requests import info
+from .session.mapped_tree import MappedTree
 
 
-class Introspection:
-    """A base of `TransformClient`, which has the connection."""
+class Introspection(Reads):
+    """A base of `TransformClient`."""
 
-    _connection: Connection
-    _reads: SharedReads
+    _mapped: MappedTree
 
     def frames(self) -> list[str]:
         """As `TransformTree.frames`, in no particular order.
@@ -26,11 +25,10 @@ class Introspection:
         A large tree is listed in several requests: a frame that is created or removed meanwhile
         may be listed or not.
         """
-        found = self._reads.mapped.tree.frames()
+        found = self._tree.frames()
         if type(found) is not AskServer:
             return found
-        self._reads.mapped.request_update(found)
-        names, after = self._connection.call(info.frames_page(None))
+        names, after = self._connection.call(info.frames_page(None), found)
         while after is not None:
             page, after = self._connection.call(info.frames_page(after))
             names += page
@@ -38,9 +36,8 @@ class Introspection:
 
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
-        frames = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
-        if type(frames) is AskServer:
-            frames = self._reads.ask(frames, info.ancestors(target, source, stamp_ns))
+        ancestors = self._tree.ancestors
+        frames = self._look_up(ancestors, info.ancestors, target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else self.frames()
         found = explaining.explain(target, source, stamp_ns, frames, names)
         for name in explaining.unknown_frames(found):
@@ -55,10 +52,7 @@ class Introspection:
         parents, children = explaining.interpolated(found)
         if not parents:
             return found
-        rows = (parents, children, found.at_ns)
-        answers = self._reads.mapped.tree.lookup_transforms(*rows)
-        if type(answers) is AskServer:
-            answers = self._reads.ask(answers, lookups.lookup_transforms(*rows))
+        answers = self.lookup_transforms(parents, children, found.at_ns)
         return explaining.with_gaps(found, answers.gaps_ns.tolist())
 
     def authorities(self) -> list[AuthorityInfo]:
@@ -83,4 +77,4 @@ class Introspection:
         often it was mapped, ``reads_asked_*`` the lookups that asked the server instead, and
         ``reads_refused_*`` why its memory was not mapped.
         """
-        return self._connection.call(info.stats()) | self._reads.mapped.stats()
+        return self._connection.call(info.stats()) | self._mapped.stats()

@@ -64,7 +64,7 @@ class Lookups(Reads):
         if found:
             return found
         request = lookups.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
-        return self._reads.ask(found, request)
+        return self._connection.call(request, found)
 
     def lookup_transform_full(
         self,
@@ -83,14 +83,14 @@ class Lookups(Reads):
         if found:
             return found
         request = lookups.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
-        return self._reads.ask(found, request)
+        return self._connection.call(request, found)
 
     def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """As `TransformTree.lookup_latest_transform`."""
         found = self._tree.lookup_latest_transform(target, source)
         if found:
             return found
-        return self._reads.ask(found, lookups.lookup_latest_transform(target, source))
+        return self._connection.call(lookups.lookup_latest_transform(target, source), found)
 
     def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -115,7 +115,7 @@ class Lookups(Reads):
         found = self._tree.lookup_latest_transform_xact(target, source)
         if found:
             return found
-        return self._reads.ask(found, lookups.lookup_latest_transform_xact(target, source))
+        return self._connection.call(lookups.lookup_latest_transform_xact(target, source), found)
 
     def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -128,7 +128,7 @@ class Lookups(Reads):
         found = self._tree.lookup_latest_transforms_xact(pairs)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, lookups.lookup_latest_transforms_xact(pairs))
+        return self._connection.call(lookups.lookup_latest_transforms_xact(pairs), found)
 
     def sample(
         self, target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
@@ -171,4 +171,4 @@ class Lookups(Reads):
         found = deskew(self._tree, sweep, source, fixed_frame)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, lookups.deskew(sweep, source, fixed_frame))
+        return self._connection.call(lookups.deskew(sweep, source, fixed_frame), found)

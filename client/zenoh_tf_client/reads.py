@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -12,7 +13,11 @@ from zenoh_tf import Estimate, EstimateArray, FrameInfo, TransformArray, Velocit
 from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from .requests import estimates, info, lookups
-from .session.shared_reads import SharedReads
+from .requests.request import Request
+from .session.connection import Connection
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Reads:
@@ -22,9 +27,21 @@ class Reads:
     asks the server.
     """
 
-    _reads: SharedReads
+    _connection: Connection
     #: The server's memory. Lookups there take so little time that every step before them counts.
     _tree: SharedTree
+
+    def _look_up(
+        self,
+        look_up: Callable[..., T | AskServer],
+        make: Callable[P, Request[T]],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> T:
+        found = look_up(*args, **kwargs)
+        if not isinstance(found, AskServer):
+            return found
+        return self._connection.call(make(*args, **kwargs), found)
 
     def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -33,7 +50,9 @@ class Reads:
         found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, lookups.can_transform(target, source, stamp_ns, timeout_s))
+        return self._connection.call(
+            lookups.can_transform(target, source, stamp_ns, timeout_s), found
+        )
 
     def lookup_transforms(
         self,
@@ -47,8 +66,8 @@ class Reads:
         found = self._tree.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(
-            found, lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
+        return self._connection.call(
+            lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s), found
         )
 
     def latest_common_time(self, a: str, b: str) -> int | None:
@@ -56,7 +75,7 @@ class Reads:
         found = self._tree.latest_common_time(a, b)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, lookups.latest_common_time(a, b))
+        return self._connection.call(lookups.latest_common_time(a, b), found)
 
     def lookup_velocity(
         self,
@@ -71,7 +90,9 @@ class Reads:
         max_gap_s: float | None = None,
     ) -> Velocity:
         """As `TransformTree.lookup_velocity`."""
-        found = self._tree.lookup_velocity(
+        return self._look_up(
+            self._tree.lookup_velocity,
+            lookups.lookup_velocity,
             tracking_frame,
             observation_frame,
             stamp_ns,
@@ -80,21 +101,6 @@ class Reads:
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
             max_gap_s=max_gap_s,
-        )
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(
-            found,
-            lookups.lookup_velocity(
-                tracking_frame,
-                observation_frame,
-                stamp_ns,
-                averaging_interval_s,
-                reference_frame=reference_frame,
-                reference_point=reference_point,
-                reference_point_frame=reference_point_frame,
-                max_gap_s=max_gap_s,
-            ),
         )
 
     def estimate_transform(
@@ -118,7 +124,9 @@ class Reads:
         Example:
             ``found = tf.estimate_transform("map", "base", max_error_m=0.02)``
         """
-        found = self._tree.estimate_transform(
+        return self._look_up(
+            self._tree.estimate_transform,
+            estimates.estimate_transform,
             target,
             source,
             stamp_ns,
@@ -128,22 +136,6 @@ class Reads:
             max_error_rad=max_error_rad,
             min_level=min_level,
             radius_m=radius_m,
-        )
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(
-            found,
-            estimates.estimate_transform(
-                target,
-                source,
-                stamp_ns,
-                level=level,
-                max_by_s=max_by_s,
-                max_error_m=max_error_m,
-                max_error_rad=max_error_rad,
-                min_level=min_level,
-                radius_m=radius_m,
-            ),
         )
 
     def estimate_transforms(
@@ -164,35 +156,31 @@ class Reads:
         Example:
             ``found = tf.estimate_transforms("map", arms, None)``
         """
-        found = self._tree.estimate_transforms(
-            targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m
-        )
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(
-            found,
-            estimates.estimate_transforms(
-                targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m
-            ),
+        return self._look_up(
+            self._tree.estimate_transforms,
+            estimates.estimate_transforms,
+            targets,
+            sources,
+            stamps_ns,
+            level=level,
+            max_by_s=max_by_s,
+            radius_m=radius_m,
         )
 
     def frame(self, name: str) -> FrameInfo:
         """As `TransformTree.frame`."""
-        found = self._tree.frame(name)
-        if type(found) is not AskServer:
-            return found
-        return self._reads.ask(found, info.frame(name))
+        return self._look_up(self._tree.frame, info.frame, name)
 
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """As `TransformTree.parent`."""
         found = self._tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, info.parent(frame, stamp_ns))
+        return self._connection.call(info.parent(frame, stamp_ns), found)
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """As `TransformTree.chain`."""
         found = self._tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return self._reads.ask(found, info.chain(target, source, stamp_ns))
+        return self._connection.call(info.chain(target, source, stamp_ns), found)

@@ -33,11 +33,12 @@ from zenoh_tf.errors import (
     TransactionConflict,
     must_be,
 )
+from zenoh_tf.shared_tree import AskServer
 
 from .requests import columns, lookups, writes
-from .requests.request import Read, Rows, VersionedRead
+from .requests.lookups import Lookup, VersionedRead
 from .session.connection import Connection
-from .session.shared_reads import SharedReads
+from .session.mapped_tree import MappedTree
 
 T = TypeVar("T")
 
@@ -57,10 +58,10 @@ class Transaction:
     Concurrency: one thread or task at a time.
     """
 
-    def __init__(self, connection: Connection, reads: SharedReads) -> None:
+    def __init__(self, connection: Connection, mapped: MappedTree) -> None:
         """Use `TransformClient.transaction` instead."""
         self._connection = connection
-        self._shared = reads
+        self._mapped = mapped
         self._instance: str | None = None
         self._versions: dict[str, int] = {}
         self._reads = 0
@@ -197,10 +198,14 @@ class Transaction:
         # A single read is one snapshot by itself; several were taken at different times.
         return self._reads <= 1
 
-    def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
-        return self._shared.read_versions(request)
+    def _read_versions(self, request: Lookup[T]) -> VersionedRead[T]:
+        tree = self._mapped.tree
+        found = lookups.read_versions(tree, tree.instance, request)
+        if not isinstance(found, AskServer):
+            return found
+        return self._connection.call(lookups.with_versions(request), found)
 
-    def _read(self, request: Read[T] | Rows[T]) -> T:
+    def _read(self, request: Lookup[T]) -> T:
         instance, versions, answer = self._read_versions(request)
         if self._instance not in (None, instance):
             raise ServerRestarted(

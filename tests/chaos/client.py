@@ -244,12 +244,12 @@ class ReplicaClient(FollowerClient):
             (json.loads(line)["seen"] for line in reversed(lines) if '"seen"' in line), None
         )
         if seen is not None:
-            tf._connection.exchange.floor.value = Receipt(*seen)
+            tf._connection.floor.value = Receipt(*seen)
 
     def _write(self, **record: Any) -> None:
         if "outcome" in record:
             assert self._tf is not None
-            record["seen"] = self._tf._connection.exchange.floor.value
+            record["seen"] = self._tf._connection.floor.value
         super()._write(**record)
 
     def _step(self, tf: TransformClient) -> str:

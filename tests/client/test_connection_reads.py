@@ -1,11 +1,9 @@
-"""A connection makes most reads without the steps of the exchange: with the same outcome, whatever
-the server does."""
+"""Blocking calls make most reads without steps: with the same outcome, whatever the server does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -15,7 +13,6 @@ from tests.support.exchanges import (
     Clock,
     Script,
     busy,
-    done,
     failed,
     hello_at,
     new,
@@ -24,13 +21,11 @@ from tests.support.exchanges import (
 )
 from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf._core import pack_single_lookup
+from zenoh_tf._net.queries import Queries
 from zenoh_tf.errors import LookupException
-from zenoh_tf_client.requests import info, lookups
+from zenoh_tf_client.requests import lookups
 from zenoh_tf_client.requests.request import Request
-from zenoh_tf_client.session import connection
-from zenoh_tf_client.session.connection import Connection
 from zenoh_tf_client.session.exchange import Exchange
-from zenoh_tf_client.session.links.link import Link
 
 LOOKUP = lookups.lookup_transform("map", "base")
 WAITING = lookups.lookup_transform("map", "base", None, 2.0)
@@ -45,17 +40,15 @@ class Steps(Script):
     """Takes the steps of the exchange."""
 
     def read(self, exchange: Exchange, request: Request[Any]) -> Any:
-        return self.run(exchange.call(request))
+        return self.run(exchange.steps(request))
 
 
 class Straight(Script):
-    """Reads by a connection that asks this script."""
+    """Reads by blocking calls."""
 
     def read(self, exchange: Exchange, request: Request[Any]) -> Any:
-        asking = Connection.__new__(Connection)
-        asking.exchange, asking.timeout_s = exchange, TIMEOUT_S
-        asking.link = cast(Link, SimpleNamespace(queries=self))
-        result = asking.call(request)
+        exchange.queries = cast(Queries, self)
+        result = exchange.call(request)
         assert not self._replies, "it asked too little"
         return result
 
@@ -68,7 +61,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
         found.now_s += seconds
 
     monkeypatch.setattr(found, "sleep", sleep, raising=False)
-    monkeypatch.setattr(connection, "time", found)
     return found
 
 
@@ -103,7 +95,7 @@ def with_several_endpoints(clock: Clock) -> Exchange:
 def with_rules(clock: Clock) -> Exchange:
     exchange = Exchange("main", "tcp/127.0.0.1:1", "ada", TIMEOUT_S)
     access: Any = {"may": [], "publish": []}
-    Script(hello_at(clock, access=access), clock=clock).run(exchange.hello())
+    Script(hello_at(clock, access=access), clock=clock).run(exchange.greet())
     exchange.next_hello_s = 1e9
     return exchange
 
@@ -127,7 +119,8 @@ def with_a_short_limit(clock: Clock) -> Exchange:
         (known, [b"\xc1"]),
         (with_hello_due, [answer(), "hello"]),
         (with_hello_due, [failed(LookupException("no frame")), "hello"]),
-        (without_server, ["hello", answer()]),
+        (without_server, [answer()]),
+        (without_server, [no_reply()]),
         (with_several_endpoints, [answer() | {"seq": 3}]),
         (with_rules, []),
         (with_a_short_limit, []),
@@ -156,15 +149,10 @@ def test_a_read_takes_no_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> 
     def steps(*_: object) -> None:
         raise AssertionError("it took steps")
 
-    monkeypatch.setattr(Connection, "_run", steps)
+    monkeypatch.setattr(Exchange, "run", steps)
     script = Straight(answer(), clock=clock)
     found = script.read(new(clock), LOOKUP)
     assert found == StampedTransform("map", "base", 7, Transform.from_pose(POSE))
     packed = pack_single_lookup("map", "base", wire.OP_COMMON, wire.NO_STAMP)
     assert packed is not None and script.asked == [("lookup", wire.unpack(packed))]
     assert script.timeouts_s == [TIMEOUT_S]
-
-
-def test_other_reads_go_the_same_way(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Connection, "_run", None)
-    assert Straight(done(["map"]), clock=clock).read(new(clock), info.frames()) == ["map"]

@@ -60,28 +60,28 @@ def test_each_request_says_what_the_client_has_seen(clock: Clock) -> None:
 def _take(exchange: Exchange, script: Script, request: object) -> None:
     """Run one request of several that a script answers."""
     rest, script._replies[1:] = script._replies[1:], []
-    script.run(exchange.call(request))  # type: ignore[arg-type]
+    script.run(exchange.steps(request))  # type: ignore[arg-type]
     script._replies = rest
 
 
 def test_a_request_may_name_another_commit(clock: Clock) -> None:
     exchange = new(clock, moves=True)
-    Script(done(["map"], seq=7)).run(exchange.call(FRAMES))
+    Script(done(["map"], seq=7)).run(exchange.steps(FRAMES))
     body = wire.call_body("frames") | wire.floor_field("one", 3)
     script = Script(done(seq=3), clock=clock)
-    script.run(exchange.call(Call("info", body, lambda reply: None)))
+    script.run(exchange.steps(Call("info", body, lambda reply: None)))
     assert floors(script) == [{"instance": "one", "seq": 3}]
     assert exchange.floor.value == Receipt("one", 7)
 
 
 def test_a_server_that_is_behind_is_asked_again(clock: Clock) -> None:
     exchange = new(clock, moves=True)
-    Script(done(["map"], seq=7)).run(exchange.call(FRAMES))
+    Script(done(["map"], seq=7)).run(exchange.steps(FRAMES))
     script = Script(busy(0.1), busy(0.1), done(["map"], seq=7, age_ns=2 * 10**9), clock=clock)
-    script.run(exchange.call(FRAMES))
+    script.run(exchange.steps(FRAMES))
     assert script.pauses_s == pytest.approx([0.3, 0.3])
     assert exchange.age_s == 2.0
-    Script(done(["map"], seq=7), clock=clock).run(exchange.call(FRAMES))
+    Script(done(["map"], seq=7), clock=clock).run(exchange.steps(FRAMES))
     assert exchange.age_s is None
 
 
@@ -110,29 +110,28 @@ def test_the_floor_rises_and_corrects_itself() -> None:
 
 def test_a_read_waits_for_another_link_until_its_time_is_over(clock: Clock) -> None:
     exchange = new(clock, moves=True)
-    exchange.router = lambda: None
     clock.QUERY_S = 0.4
     gone = [no_reply(at_once=True)] * 4  # after the first, the server is looked for each time
     script = Script(*gone, done(["map"], "two", seq=1), clock=clock)
-    assert script.run(exchange.call(FRAMES)) == ["map"]
+    assert script.run(exchange.steps(FRAMES)) == ["map"]
     assert exchange.floor.value == Receipt("two", 1)
     with pytest.raises(ServerUnavailable):
-        Script(*[no_reply(at_once=True)] * 99, clock=clock).run(exchange.call(FRAMES))
+        Script(*[no_reply(at_once=True)] * 99, clock=clock).run(exchange.steps(FRAMES))
     begin_s = clock.now_s
     with pytest.raises(ServerUnavailable):  # it hangs, and is not asked twice
-        Script(no_reply(), clock=clock).run(exchange.call(FRAMES))
+        Script(no_reply(), clock=clock).run(exchange.steps(FRAMES))
     assert clock.now_s - begin_s < TIMEOUT_S
 
 
 def test_a_write_waits_for_another_link_but_is_never_sent_twice(clock: Clock) -> None:
     exchange = new(clock, moves=True)
-    exchange.router, exchange.server = lambda: None, None
+    exchange.server = None
     script = Script(no_reply(at_once=True), hello_at(clock, "two"), done(seq=1, instance="two"))
-    script.run(exchange.call(WRITE))
+    script.run(exchange.steps(WRITE))
     assert script.keys == ["hello", "hello", "admin"]
     script = Script(no_reply(at_once=True), hello_at(clock, "three"), clock=clock)
     with pytest.raises(OutcomeUnknown):
-        script.run(exchange.call(WRITE))
+        script.run(exchange.steps(WRITE))
     assert script.keys == ["admin", "hello"]
 
 
@@ -140,10 +139,10 @@ def test_a_write_where_none_is_accepted(clock: Clock) -> None:
     exchange = new(clock, moves=True)
     script = Script(failed(ReadOnlyReplica("no", value="tcp/primary:1")), clock=clock)
     with pytest.raises(ReadOnlyReplica) as refusal:
-        script.run(exchange.call(WRITE))
+        script.run(exchange.steps(WRITE))
     assert refusal.value.value == "tcp/primary:1" and len(script.asked) == 1
     greeting = hello_at(clock)
     greeting["value"]["primary"] = "tcp/primary:1"
-    server = Script(greeting, clock=clock).run(exchange.hello())
+    server = Script(greeting, clock=clock).run(exchange.greet())
     with pytest.raises(ReadOnlyReplica, match="tcp/primary:1"):
         server.raise_read_only()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -20,18 +20,24 @@ from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerBusy, ServerUnavailable
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.limits import Limits
-from zenoh_tf_server.transport.lanes import Lane, QueuedRequest, QueueShares
+from zenoh_tf_server.transport.lanes import Lane, QueueShares
 
-QUERY: Any = None  # lanes never look at it
 LIMITS = {"message_bytes": 1 << 20, "rows": 1000}  # what `hello` says
 
 
-def request(client: str, size: int = 0, name: str = "lookup") -> QueuedRequest:
-    return QueuedRequest(QUERY, name, client, size)
+@dataclass
+class Request:
+    request_type: str
+    client: str
+    size: int
+
+
+def request(client: str, size: int = 0, name: str = "lookup") -> Request:
+    return Request(name, client, size)
 
 
 def test_clients_take_turns() -> None:
-    lane = Lane(QueueShares(Limits()))
+    lane = Lane[Request](QueueShares(Limits()))
     for name in ("a1", "a2", "a3"):
         assert lane.enqueue(request("a", name=name)) is None
     assert lane.enqueue(request("b", name="b1")) is None
@@ -52,8 +58,8 @@ def test_clients_take_turns() -> None:
 )
 def test_each_bound_refuses(limits: Limits, field: str) -> None:
     budget = QueueShares(limits)
-    lane = Lane(budget)
-    other_lane = Lane(budget)
+    lane = Lane[Request](budget)
+    other_lane = Lane[Request](budget)
     assert lane.enqueue(request("a", 2000)) is None
     assert other_lane.enqueue(request("a", 2000)) is None  # the bounds hold for all lanes together
     refusal = lane.enqueue(request("a", 2000))
@@ -68,7 +74,7 @@ def test_each_bound_refuses(limits: Limits, field: str) -> None:
 
 
 def test_a_request_larger_than_the_bound_waits_alone() -> None:
-    lane = Lane(QueueShares(Limits(client_pending_bytes=5000)))
+    lane = Lane[Request](QueueShares(Limits(client_pending_bytes=5000)))
     assert lane.enqueue(request("a", 100_000)) is None
     assert isinstance(lane.enqueue(request("a")), ServerBusy)
 

@@ -320,7 +320,7 @@ def test_nothing_comes_from_a_socket_that_is_silent(socket_folder: Path) -> None
 
 def test_hello_tells_where_the_socket_is(start_sharing: StartServer, socket_folder: Path) -> None:
     with start_sharing().connect() as tf:
-        server = tf._connection.known_server
+        server = tf._connection.server
         assert server is not None
         assert server.offer == handover.Offer(handover.boot_id(), path_of(socket_folder))
 

@@ -31,7 +31,7 @@ from zenoh_tf import (
 from zenoh_tf._net import handover
 from zenoh_tf.shared_tree import SharedTree
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.session.mapped_tree import NO_TREE
+from zenoh_tf_client.requests.lookups import NO_TREE
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
@@ -204,7 +204,7 @@ def test_a_stopped_server_is_asked_and_read_again_when_it_goes_on(
         assert tf.lookup_transform("map", "base").transform.translation[0] == 1
         # Stopped for so long that its memory is given up.
         server.freeze()
-        wait_until(lambda: tf._reads.mapped.tree.lease_left_s == 0.0)
+        wait_until(lambda: tf._mapped.tree.lease_left_s == 0.0)
         server.send_signal(signal.SIGCONT)
         wait_until(lambda: becomes_shared(tf))
         assert tf.stats()["reads_mapped"] == 2
@@ -216,8 +216,8 @@ def test_all_clients_of_a_connection_follow_its_memory(server: ServerProcess) ->
 
     other = Other()
     with server.connect(reads="shared") as tf:
-        tf._reads.mapped.attach(other)
-        assert tf._tree is other._tree is tf._reads.mapped.tree is not NO_TREE
+        tf._mapped.attach(other)
+        assert tf._tree is other._tree is tf._mapped.tree is not NO_TREE
     assert tf._tree is other._tree is NO_TREE
 
 

@@ -116,7 +116,7 @@ class Script:
 def greeted(**limits: Any) -> Exchange:
     """An exchange that knows its server, and when it last asked for the clock."""
     exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S)
-    Script(hello(**limits)).run(exchange.hello())
+    Script(hello(**limits)).run(exchange.greet())
     exchange.next_hello_s = time.monotonic() + 1000
     return exchange
 
@@ -132,7 +132,7 @@ def new(clock: Clock, *, moves: bool = False, **limits: Any) -> Exchange:
     """An exchange that has just greeted its server. The clock of the server is far ahead.
     `moves`: it has several endpoints."""
     exchange = Exchange("main", "tcp/127.0.0.1:1", None, TIMEOUT_S, moves=moves)
-    Script(hello_at(clock, **limits), clock=clock).run(exchange.hello())
+    Script(hello_at(clock, **limits), clock=clock).run(exchange.greet())
     exchange.next_hello_s = 1e9
     return exchange
 

@@ -27,6 +27,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import zenoh
@@ -52,84 +53,71 @@ _POLL_MS: Final = 1000
 _PROMPT_S: Final = 0.002
 
 
+@dataclass(slots=True, eq=False)
 class Reply:
-    """The reply to one query, which is its ReplyCallback, and how much of it is sent.
+    """One query and its reply, of which it is the ReplyCallback, and how much of it is sent."""
 
-    `client` is the id of a client that is connected, or empty; `in_parts`: it joins a reply
-    that comes in parts; `request_bytes`: the length of the request.
-    """
-
-    __slots__ = (
-        "_failed",
-        "_key",
-        "_query",
-        "_replies",
-        "_request_bytes",
-        "_start",
-        "client",
-        "data",
-        "in_parts",
-    )
-
-    def __init__(
-        self,
-        query: zenoh.Query,
-        key: zenoh.KeyExpr,
-        sender: tuple[str, bool],
-        request_bytes: int,
-        replies: Replies,
-    ) -> None:
-        """`sender`: the id of the client, and whether it joins parts."""
-        self._query = query
-        self._key = key
-        self.client, self.in_parts = sender
-        self._request_bytes = request_bytes
-        self._replies = replies
-        self._start = 0
+    query: zenoh.Query
+    request_type: str
+    size: int  # bytes of the query's payload
+    key: zenoh.KeyExpr  # of the reply
+    client: str  # the id of a client that is connected, or empty
+    in_parts: bool  # the client joins a reply that comes in parts
+    replies: Replies
+    data: bytes = b""
+    failed: bool = False
+    _start: int = 0  # how many bytes are sent
 
     def __call__(self, reply: bytes, failed: bool) -> None:
         """Send the reply's bytes now or later, without blocking. `failed`: they are an error."""
+        replies = self.replies
         if len(reply) > WHOLE_ROOM and not self.in_parts and not failed:
-            reply, failed = self._replies.too_long(len(reply)), True
-        self.data = reply
-        self._failed = failed
-        if failed:
-            self.in_parts = False
-        self._replies.send(self)
+            reply, failed = replies.too_long(len(reply)), True
+        self.data, self.failed = reply, failed
+        self.in_parts &= not failed
+        size = len(reply) + _OVERHEAD_BYTES
+        now = False
+        outbox = replies.outboxes.get(self.client)
+        if outbox is not None:
+            with outbox.lock:
+                if not outbox.busy and outbox.credit >= size:  # the common case
+                    outbox.credit -= size
+                    now = True
+        if not now and not replies.admit(self):
+            return
+        query = self.query
+        try:
+            if failed:
+                query.reply_err(reply)
+            else:
+                query.reply(self.key, reply)
+        except zenoh.ZError as error:  # the client has gone, or given up
+            log.debug("cannot reply to %s: %s", query.key_expr, error)
+        query.drop()
 
     @property
     def cost(self) -> int:
         """What it costs to keep. The query keeps the request's bytes until it is dropped."""
-        return len(self.data) + self._request_bytes + _OVERHEAD_BYTES
+        return len(self.data) + self.size + _OVERHEAD_BYTES
 
     def left(self) -> int:
         """How many bytes are not sent yet, with the message's own."""
         return len(self.data) - self._start + _OVERHEAD_BYTES
 
-    def send_whole(self) -> None:
-        """Send the reply and finish the query."""
-        query = self._query
-        try:
-            if self._failed:
-                query.reply_err(self.data)
-            else:
-                query.reply(self._key, self.data)
-        except zenoh.ZError as error:  # the client has gone, or given up
-            log.debug("cannot reply to %s: %s", query.key_expr, error)
-        query.drop()
-
     def send(self, room: int) -> bool:
         """Send the reply, or as much of it as there is room for if it may come in parts. True:
         that was the last, and the query is finished. The client of a query that is never finished
         waits for its whole time-out."""
-        if self._start == 0 and (not self.in_parts or self.left() <= room):
-            self.send_whole()
-            return True
-        query = self._query
-        part = self.data[self._start : self._start + room - _OVERHEAD_BYTES]
+        query, key, data, start = self.query, self.key, self.data, self._start
         try:
-            query.reply(self._key, part, attachment=str(len(self.data)).encode())
-            self._start += len(part)
+            if self.failed:
+                query.reply_err(data)
+            elif start == 0 and (not self.in_parts or self.left() <= room):
+                query.reply(key, data)
+            else:
+                data = data[start : start + room - _OVERHEAD_BYTES]
+                query.reply(key, data, attachment=str(len(self.data)).encode())
+            self._start = start + len(data)
         except zenoh.ZError as error:  # the client has gone, or given up
             log.debug("cannot reply to %s: %s", query.key_expr, error)
             self._start = len(self.data)
@@ -172,7 +160,7 @@ class Replies:
         self._encode = encode
         self._cut_off_bytes = cut_off_bytes
         self._lock = threading.Lock()
-        self._outboxes: dict[str, _Outbox] = {}
+        self.outboxes: dict[str, _Outbox] = {}
         self.unread = unread
         self._cut_off = 0  # clients whose connections were closed
         self._handed_over: deque[_Outbox] = deque()
@@ -187,33 +175,27 @@ class Replies:
         self._closing = True
         self._wake_up()
         threads.join(self._thread)
-        for outbox in list(self._outboxes.values()):
+        for outbox in list(self.outboxes.values()):
             if outbox.busy:
                 self._links.cut_full(outbox.client)
         if not self._thread.is_alive():
             self._woken.close()
             self._wake.close()
 
-    def send(self, reply: Reply) -> None:
-        """Send a reply now or later; never blocks."""
-        outbox = self._outboxes.get(reply.client) or self._new_outbox(reply.client)
+    def admit(self, reply: Reply) -> bool:
+        """Whether a reply may be sent now; if not, it is sent later. Never blocks."""
+        outbox = self.outboxes.get(reply.client) or self._new_outbox(reply.client)
         size = len(reply.data) + _OVERHEAD_BYTES
         with outbox.lock:
-            now = not outbox.busy
-            if now:
-                if outbox.credit >= size:  # the common case
-                    outbox.credit -= size
-                else:
-                    now = self._spend(outbox, size, reply)
-            if not now:
-                self._hold(outbox, reply)
-                hand_over = not outbox.busy
-                outbox.busy = True
-        if now:
-            reply.send_whole()
-        elif hand_over:
+            if not outbox.busy and self._spend(outbox, size, reply):
+                return True
+            self._hold(outbox, reply)
+            hand_over = not outbox.busy
+            outbox.busy = True
+        if hand_over:
             self._handed_over.append(outbox)
             self._wake_up()
+        return False
 
     def refusal(self, client: str, retry_after_s: float) -> TransformException | None:
         """Why a new request of the client must be refused: so many bytes of replies wait for the
@@ -246,9 +228,9 @@ class Replies:
     def forget(self, client: str) -> None:
         """Forget a client that is gone, unless replies to it are still to be finished."""
         with self._lock:
-            outbox = self._outboxes.get(client)
+            outbox = self.outboxes.get(client)
             if outbox is not None and not outbox.busy:
-                del self._outboxes[client]
+                del self.outboxes[client]
 
     def _wake_up(self) -> None:
         with contextlib.suppress(OSError):  # it is to wake up already, or closed
@@ -258,7 +240,7 @@ class Replies:
         if self._links.is_gone(client):  # a late reply, after which nobody would forget it
             return _Outbox(client)
         with self._lock:
-            return self._outboxes.setdefault(client, _Outbox(client))
+            return self.outboxes.setdefault(client, _Outbox(client))
 
     def _spend(self, outbox: _Outbox, size: int, reply: Reply) -> bool:
         """Spend the credit for sending `size` bytes. Requires the outbox's lock."""

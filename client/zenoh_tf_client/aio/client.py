@@ -22,7 +22,6 @@ from .batch import AsyncBatch
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
 from .session.connection import Connection
-from .session.shared_reads import SharedReads
 from .session.threads import in_thread
 from .transaction import AsyncTransaction, repeat
 from .writes import AsyncWrites
@@ -31,7 +30,7 @@ T = TypeVar("T")
 
 
 @own_methods
-class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
+class AsyncTransformClient(AsyncLookups, AsyncIntrospection, AsyncWrites):
     """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
 
     It has the methods of `TransformClient` as coroutines, with the same arguments, results and
@@ -75,8 +74,8 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
                 "use await AsyncTransformClient.connect(endpoint, tree, timeout_s)"
             )
         self._connection = connection
-        self._reads = SharedReads(connection, connection.mapped)
-        connection.mapped.attach(self)
+        self._mapped = connection.mapped
+        self._mapped.attach(self)
         #: Makes what is not asynchronous.
         self._blocking = TransformClient(connection.opened, connection.mapped)
 
@@ -168,7 +167,7 @@ class AsyncTransformClient(AsyncLookups, AsyncWrites, AsyncIntrospection):
         Example:
             ``async with tf.transaction() as tx: tx.set_transform(stamped)``
         """
-        return AsyncTransaction(self._connection, self._reads)
+        return AsyncTransaction(self._connection, self._mapped)
 
     async def run_transaction(
         self, function: Callable[[AsyncTransaction], Awaitable[T]], attempts: int = 10

@@ -7,16 +7,15 @@ from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
-from ..requests import info, lookups
-from .session.connection import Connection
-from .session.shared_reads import SharedReads
+from ..requests import info
+from ..session.mapped_tree import MappedTree
+from .reads import AsyncReads
 
 
-class AsyncIntrospection:
-    """A base of `AsyncTransformClient`, which has the connection."""
+class AsyncIntrospection(AsyncReads):
+    """A base of `AsyncTransformClient`."""
 
-    _connection: Connection
-    _reads: SharedReads
+    _mapped: MappedTree
 
     async def frames(self) -> list[str]:
         """As `TransformTree.frames`, in no particular order.
@@ -24,11 +23,10 @@ class AsyncIntrospection:
         A large tree is listed in several requests: a frame that is created or removed meanwhile
         may be listed or not.
         """
-        found = self._reads.mapped.tree.frames()
+        found = self._tree.frames()
         if type(found) is not AskServer:
             return found
-        self._reads.mapped.request_update(found)
-        names, after = await self._connection.call(info.frames_page(None))
+        names, after = await self._connection.call(info.frames_page(None), found)
         while after is not None:
             page, after = await self._connection.call(info.frames_page(after))
             names += page
@@ -36,9 +34,8 @@ class AsyncIntrospection:
 
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
-        frames = self._reads.mapped.tree.ancestors(target, source, stamp_ns)
-        if type(frames) is AskServer:
-            frames = await self._reads.ask(frames, info.ancestors(target, source, stamp_ns))
+        ancestors = self._tree.ancestors
+        frames = await self._look_up(ancestors, info.ancestors, target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else await self.frames()
         found = explaining.explain(target, source, stamp_ns, frames, names)
         for name in explaining.unknown_frames(found):
@@ -53,10 +50,7 @@ class AsyncIntrospection:
         parents, children = explaining.interpolated(found)
         if not parents:
             return found
-        rows = (parents, children, found.at_ns)
-        answers = self._reads.mapped.tree.lookup_transforms(*rows)
-        if type(answers) is AskServer:
-            answers = await self._reads.ask(answers, lookups.lookup_transforms(*rows))
+        answers = await self.lookup_transforms(parents, children, found.at_ns)
         return explaining.with_gaps(found, answers.gaps_ns.tolist())
 
     async def authorities(self) -> list[AuthorityInfo]:
@@ -81,4 +75,4 @@ class AsyncIntrospection:
         often it was mapped, ``reads_asked_*`` the lookups that asked the server instead, and
         ``reads_refused_*`` why its memory was not mapped.
         """
-        return await self._connection.call(info.stats()) | self._reads.mapped.stats()
+        return await self._connection.call(info.stats()) | self._mapped.stats()

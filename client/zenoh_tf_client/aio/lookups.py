@@ -62,7 +62,7 @@ class AsyncLookups(AsyncReads):
         if found:
             return found
         request = lookups.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
-        return await self._reads.ask(found, request)
+        return await self._connection.call(request, found)
 
     async def lookup_transform_full(
         self,
@@ -81,14 +81,14 @@ class AsyncLookups(AsyncReads):
         if found:
             return found
         request = lookups.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
-        return await self._reads.ask(found, request)
+        return await self._connection.call(request, found)
 
     async def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """As `TransformTree.lookup_latest_transform`."""
         found = self._tree.lookup_latest_transform(target, source)
         if found:
             return found
-        return await self._reads.ask(found, lookups.lookup_latest_transform(target, source))
+        return await self._connection.call(lookups.lookup_latest_transform(target, source), found)
 
     async def lookup_latest_transform_xact(self, target: str, source: str) -> LatestTransform:
         """Look up the pose of `source` in `target` from the newest samples, in one atomic snapshot.
@@ -113,7 +113,9 @@ class AsyncLookups(AsyncReads):
         found = self._tree.lookup_latest_transform_xact(target, source)
         if found:
             return found
-        return await self._reads.ask(found, lookups.lookup_latest_transform_xact(target, source))
+        return await self._connection.call(
+            lookups.lookup_latest_transform_xact(target, source), found
+        )
 
     async def lookup_latest_transforms_xact(
         self, pairs: Sequence[tuple[str, str]]
@@ -126,7 +128,7 @@ class AsyncLookups(AsyncReads):
         found = self._tree.lookup_latest_transforms_xact(pairs)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookups.lookup_latest_transforms_xact(pairs))
+        return await self._connection.call(lookups.lookup_latest_transforms_xact(pairs), found)
 
     async def sample(
         self, target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
@@ -169,4 +171,4 @@ class AsyncLookups(AsyncReads):
         found = deskew(self._tree, sweep, source, fixed_frame)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookups.deskew(sweep, source, fixed_frame))
+        return await self._connection.call(lookups.deskew(sweep, source, fixed_frame), found)

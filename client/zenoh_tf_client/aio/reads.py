@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -10,7 +11,11 @@ from zenoh_tf import Estimate, EstimateArray, FrameInfo, TransformArray, Velocit
 from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from ..requests import estimates, info, lookups
-from .session.shared_reads import SharedReads
+from ..requests.request import Request
+from .session.connection import Connection
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class AsyncReads:
@@ -20,9 +25,21 @@ class AsyncReads:
     asks the server.
     """
 
-    _reads: SharedReads
+    _connection: Connection
     #: The server's memory. Lookups there take so little time that every step before them counts.
     _tree: SharedTree
+
+    async def _look_up(
+        self,
+        look_up: Callable[..., T | AskServer],
+        make: Callable[P, Request[T]],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> T:
+        found = look_up(*args, **kwargs)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(make(*args, **kwargs), found)
 
     async def can_transform(
         self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
@@ -31,8 +48,8 @@ class AsyncReads:
         found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(
-            found, lookups.can_transform(target, source, stamp_ns, timeout_s)
+        return await self._connection.call(
+            lookups.can_transform(target, source, stamp_ns, timeout_s), found
         )
 
     async def lookup_transforms(
@@ -47,8 +64,8 @@ class AsyncReads:
         found = self._tree.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(
-            found, lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
+        return await self._connection.call(
+            lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s), found
         )
 
     async def latest_common_time(self, a: str, b: str) -> int | None:
@@ -56,7 +73,7 @@ class AsyncReads:
         found = self._tree.latest_common_time(a, b)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, lookups.latest_common_time(a, b))
+        return await self._connection.call(lookups.latest_common_time(a, b), found)
 
     async def lookup_velocity(
         self,
@@ -71,7 +88,9 @@ class AsyncReads:
         max_gap_s: float | None = None,
     ) -> Velocity:
         """As `TransformTree.lookup_velocity`."""
-        found = self._tree.lookup_velocity(
+        return await self._look_up(
+            self._tree.lookup_velocity,
+            lookups.lookup_velocity,
             tracking_frame,
             observation_frame,
             stamp_ns,
@@ -80,21 +99,6 @@ class AsyncReads:
             reference_point=reference_point,
             reference_point_frame=reference_point_frame,
             max_gap_s=max_gap_s,
-        )
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(
-            found,
-            lookups.lookup_velocity(
-                tracking_frame,
-                observation_frame,
-                stamp_ns,
-                averaging_interval_s,
-                reference_frame=reference_frame,
-                reference_point=reference_point,
-                reference_point_frame=reference_point_frame,
-                max_gap_s=max_gap_s,
-            ),
         )
 
     async def estimate_transform(
@@ -118,7 +122,9 @@ class AsyncReads:
         Example:
             ``found = await tf.estimate_transform("map", "base", max_error_m=0.02)``
         """
-        found = self._tree.estimate_transform(
+        return await self._look_up(
+            self._tree.estimate_transform,
+            estimates.estimate_transform,
             target,
             source,
             stamp_ns,
@@ -128,22 +134,6 @@ class AsyncReads:
             max_error_rad=max_error_rad,
             min_level=min_level,
             radius_m=radius_m,
-        )
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(
-            found,
-            estimates.estimate_transform(
-                target,
-                source,
-                stamp_ns,
-                level=level,
-                max_by_s=max_by_s,
-                max_error_m=max_error_m,
-                max_error_rad=max_error_rad,
-                min_level=min_level,
-                radius_m=radius_m,
-            ),
         )
 
     async def estimate_transforms(
@@ -164,35 +154,31 @@ class AsyncReads:
         Example:
             ``found = await tf.estimate_transforms("map", arms, None)``
         """
-        found = self._tree.estimate_transforms(
-            targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m
-        )
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(
-            found,
-            estimates.estimate_transforms(
-                targets, sources, stamps_ns, level=level, max_by_s=max_by_s, radius_m=radius_m
-            ),
+        return await self._look_up(
+            self._tree.estimate_transforms,
+            estimates.estimate_transforms,
+            targets,
+            sources,
+            stamps_ns,
+            level=level,
+            max_by_s=max_by_s,
+            radius_m=radius_m,
         )
 
     async def frame(self, name: str) -> FrameInfo:
         """As `TransformTree.frame`."""
-        found = self._tree.frame(name)
-        if type(found) is not AskServer:
-            return found
-        return await self._reads.ask(found, info.frame(name))
+        return await self._look_up(self._tree.frame, info.frame, name)
 
     async def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """As `TransformTree.parent`."""
         found = self._tree.parent(frame, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, info.parent(frame, stamp_ns))
+        return await self._connection.call(info.parent(frame, stamp_ns), found)
 
     async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """As `TransformTree.chain`."""
         found = self._tree.chain(target, source, stamp_ns)
         if type(found) is not AskServer:
             return found
-        return await self._reads.ask(found, info.chain(target, source, stamp_ns))
+        return await self._connection.call(info.chain(target, source, stamp_ns), found)

@@ -31,11 +31,12 @@ from zenoh_tf.errors import (
     TransactionConflict,
     must_be,
 )
+from zenoh_tf.shared_tree import AskServer
 
 from ..requests import columns, lookups, writes
-from ..requests.request import Read, Rows, VersionedRead
+from ..requests.lookups import Lookup, VersionedRead
+from ..session.mapped_tree import MappedTree
 from .session.connection import Connection
-from .session.shared_reads import SharedReads
 
 T = TypeVar("T")
 
@@ -55,10 +56,10 @@ class AsyncTransaction:
     Concurrency: one thread or task at a time.
     """
 
-    def __init__(self, connection: Connection, reads: SharedReads) -> None:
+    def __init__(self, connection: Connection, mapped: MappedTree) -> None:
         """Use `AsyncTransformClient.transaction` instead."""
         self._connection = connection
-        self._shared = reads
+        self._mapped = mapped
         self._instance: str | None = None
         self._versions: dict[str, int] = {}
         self._reads = 0
@@ -197,10 +198,14 @@ class AsyncTransaction:
         # A single read is one snapshot by itself; several were taken at different times.
         return self._reads <= 1
 
-    async def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
-        return await self._shared.read_versions(request)
+    async def _read_versions(self, request: Lookup[T]) -> VersionedRead[T]:
+        tree = self._mapped.tree
+        found = lookups.read_versions(tree, tree.instance, request)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(lookups.with_versions(request), found)
 
-    async def _read(self, request: Read[T] | Rows[T]) -> T:
+    async def _read(self, request: Lookup[T]) -> T:
         instance, versions, answer = await self._read_versions(request)
         if self._instance not in (None, instance):
             raise ServerRestarted(

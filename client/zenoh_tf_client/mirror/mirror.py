@@ -13,7 +13,7 @@ from ..requests import lookups
 from ..requests.receipt import Receipt
 from ..requests.request import Request
 from ..session.connection import Connection
-from ..session.shared_reads import SharedReads
+from ..session.mapped_tree import MappedTree
 from ..transaction import Transaction, repeat
 from .base_mirror import BaseMirror
 from .transaction import MirrorTransaction
@@ -41,14 +41,14 @@ class Mirror(BaseMirror):
     def __init__(
         self,
         connection: Connection,
-        reads: SharedReads,
+        mapped: MappedTree,
         timeout_s: float,
         interest: wire.Interest | None,
     ) -> None:
         """Use `TransformClient.mirror` instead."""
         super().__init__(connection, timeout_s, interest)
         self._connection = connection
-        self._reads = reads
+        self._mapped = mapped
 
     def __enter__(self) -> Self:
         return self
@@ -188,7 +188,7 @@ class Mirror(BaseMirror):
         raise_if_forked()
 
         def begin(attempt: int) -> Transaction:
-            return MirrorTransaction(self._connection, self._reads, self, attempt)
+            return MirrorTransaction(self._connection, self._mapped, self, attempt)
 
         return repeat(begin, function, attempts)
 

@@ -64,7 +64,7 @@ class MirrorSource:
 
     def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
         """Send a request; see `Source`."""
-        if self._connection.exchange.moves:  # the next server may be behind the last one
+        if self._connection.moves:  # the next server may be behind the last one
             body = body | wire.floor_field(*self._seen())
         return self._connection.call(Call(request_type, body, lambda reply: reply, wait_s))
 

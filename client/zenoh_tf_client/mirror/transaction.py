@@ -7,9 +7,9 @@ from typing import Self, TypeVar
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
 
-from ..requests.request import Read, Rows, VersionedRead
+from ..requests.lookups import Lookup, VersionedRead
 from ..session.connection import Connection
-from ..session.shared_reads import SharedReads
+from ..session.mapped_tree import MappedTree
 from ..transaction import Transaction
 from .base_mirror import BaseMirror
 from .interest import OutsideInterest
@@ -27,9 +27,9 @@ class MirrorTransaction(Transaction):
     """
 
     def __init__(
-        self, connection: Connection, reads: SharedReads, mirror: BaseMirror, attempt: int
+        self, connection: Connection, mapped: MappedTree, mirror: BaseMirror, attempt: int
     ) -> None:
-        super().__init__(connection, reads)
+        super().__init__(connection, mapped)
         self._mirror = mirror
         self._attempt = attempt
         self._tree: TransformTree | None = None  # None: it reads by query
@@ -69,7 +69,7 @@ class MirrorTransaction(Transaction):
         # Unlike at the server, a single read may be old.
         return super()._reads_agree() if self._tree is None else not self._reads
 
-    def _read_versions(self, request: Read[T] | Rows[T]) -> VersionedRead[T]:
+    def _read_versions(self, request: Lookup[T]) -> VersionedRead[T]:
         tree, mirror = self._tree, self._mirror
         if tree is None:
             return super()._read_versions(request)

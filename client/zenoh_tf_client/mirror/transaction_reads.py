@@ -10,9 +10,8 @@ from zenoh_tf import TransformTree, wire
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.shared_tree import AskServer
 
+from ..requests.lookups import Lookup, read_versions
 from ..requests.receipt import Receipt
-from ..requests.request import Read, Rows
-from ..session.mapped_tree import read_tree
 from .interest import explained
 
 T = TypeVar("T")
@@ -66,11 +65,11 @@ class OwnWrites:
 def look_up(
     tree: TransformTree,
     instance: str,
-    request: Read[T] | Rows[T],
+    request: Lookup[T],
     interest: wire.Interest | None,
 ) -> tuple[str, list[tuple[str, int]], Callable[[], T]]:
     """Look up in a mirror's tree, with the versions that were read."""
-    found = read_tree(tree, instance, request)
+    found = read_versions(tree, instance, request)
     assert not isinstance(found, AskServer)  # only a mapped tree may be unable to answer
     instance, versions, answer = found
     if interest is not None:

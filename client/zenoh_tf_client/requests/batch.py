@@ -12,7 +12,8 @@ from zenoh_tf.errors import TransformException
 
 from . import columns
 from .handle import Handle
-from .request import Read, Request, timeout_ns
+from .lookups import Read
+from .request import Request, timeout_ns
 
 _Settle = Callable[[wire.Message], None]
 

@@ -1,32 +1,159 @@
-"""Makes the requests of lookups. Each function serves the client method of the same name."""
+"""The requests of lookups. Each function makes that of the client method of the same name.
+
+A lookup reads the server's memory first, where it is mapped, and is asked if that has no answer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Final, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zenoh_tf import LatestTransform, StampedTransform, Transform, TransformArray, Velocity, wire
+from zenoh_tf import (
+    LatestTransform,
+    StampedTransform,
+    Transform,
+    TransformArray,
+    TransformTree,
+    Velocity,
+    wire,
+)
+from zenoh_tf._core import pack_single_lookup, parse_single_answer
 from zenoh_tf.errors import (
     ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
     ProtocolError,
+    TransformException,
 )
 from zenoh_tf.gap_limit import max_gap_ns
 from zenoh_tf.points import Sweep
+from zenoh_tf.shared_tree import AskServer, SharedTree
 from zenoh_tf.velocity import interval_ns
 
 from . import columns
-from .request import Call, Lookup, Read, Request, Rows, VersionedRead, timeout_ns
+from .request import Call, Request, timeout_ns
 
 T = TypeVar("T")
 
 #: Errors of lookups that may succeed after a later write.
 MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, ExtrapolationException)
+
+
+def _absent(*_: object, _absent: AskServer = AskServer.ABSENT, **__: object) -> AskServer:
+    return _absent
+
+
+class _NoTree:
+    """Stands for the server's memory where it is not mapped."""
+
+    lease_left_s = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        setattr(self, name, _absent)  # the next call finds it at once
+        return _absent
+
+
+NO_TREE: Final = cast(SharedTree, _NoTree())
+
+
+def _raise(error: TransformException) -> Any:
+    raise error
+
+
+#: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result, and
+#: the gap behind the pose, if there is one.
+Convert = Callable[..., T]
+
+
+@dataclass(slots=True)
+class Read(Request[T]):
+    """A lookup of a single row; a batch sends neighbouring ones as one operation."""
+
+    row: columns.Row
+    convert: Convert[T]
+    wait_s: float = 0.0
+    failed: Callable[[TransformException], T] = _raise
+    request_type: str = "lookup"
+    writes: ClassVar[bool] = False
+
+    @property
+    def group(self) -> str | None:
+        # The reply to a message comes when the last of its lookups has been waited for.
+        return None if self.wait_s else self.request_type
+
+    def body(self) -> wire.Message:
+        body = wire.one_read(*self.row)
+        if self.wait_s:
+            body["timeout_ns"] = timeout_ns(self.wait_s)
+        return body
+
+    def parse(self, reply: wire.Message) -> T:
+        one = wire.parse_one_answer(reply)
+        if one is not None:
+            stamp_ns, newest_ns, pose = one
+            return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose))
+        return self.answer(wire.parse_lookup_reply(reply, 1))
+
+    def payload(self) -> bytes:
+        if self.wait_s:
+            return wire.pack(self.body())
+        return pack_single_lookup(*self.row) or wire.pack(self.body())
+
+    def parse_plain(self, reply: bytes, instance: str) -> tuple[T] | None:
+        answer = parse_single_answer(reply, instance)
+        return None if answer is None else (self.convert(self.row, *answer),)
+
+    def lookup(self) -> wire.Lookup:
+        """Return the row as columns."""
+        return columns.join([self.row])
+
+    def answer(self, reply: wire.LookupReply) -> T:
+        """Return the result in a reply of one row, or raise its error."""
+        return self.result(next(reply.rows()))
+
+    def result(self, answer: wire.AnswerRow) -> T:
+        """Return the result in one row of a reply, or raise its error."""
+        error, stamp_ns, newest_ns, pose, gap_ns = answer
+        if error:
+            return self.failed(error)
+        return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose), gap_ns)
+
+
+@dataclass(slots=True)
+class Rows(Request[T]):
+    """A lookup of any number of rows."""
+
+    rows: wire.Lookup
+    convert: Callable[[wire.LookupReply], T]
+    wait_s: float = 0.0
+    request_type: str = "lookup"
+
+    def body(self) -> wire.Message:
+        return wire.lookup_body(self.rows)
+
+    def parse(self, reply: wire.Message) -> T:
+        return self.convert(wire.parse_lookup_reply(reply, self.rows.rows))
+
+    def lookup(self) -> wire.Lookup:
+        """Return the columns."""
+        return self.rows
+
+    def answer(self, reply: wire.LookupReply) -> T:
+        """Return the result in a reply, or raise its error."""
+        return self.convert(reply)
+
+
+#: A lookup of either form.
+Lookup = Read[T] | Rows[T]
+
+#: What a lookup of a transaction gives: the server instance, the read set, and a function that
+#: returns the result or raises the lookup's error.
+VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
 
 def lookup_transform(
@@ -37,7 +164,10 @@ def lookup_transform(
     *,
     max_gap_s: float | None = None,
 ) -> Lookup[StampedTransform]:
-    read = Read(columns.at(target, source, stamp_ns), _stamped, timeout_s)
+    row = (target, source, wire.OP_COMMON, wire.NO_STAMP)
+    if stamp_ns is not None:
+        row = columns.at(target, source, stamp_ns)
+    read = Read(row, _stamped, timeout_s)
     if max_gap_s is None:
         return read
     lookup = read.lookup()
@@ -119,8 +249,34 @@ def lookup_transforms(
     return Rows(lookup, convert)
 
 
+def read_versions(
+    tree: SharedTree | TransformTree, instance: str, request: Lookup[T]
+) -> VersionedRead[T] | AskServer:
+    """Look up in a tree that has the versions of a server instance, as a part of a transaction."""
+    lookup = request.lookup()
+    rows = tree._read_rows(
+        lookup.names,
+        lookup.op,
+        lookup.target,
+        lookup.source,
+        lookup.stamp,
+        lookup.fixed,
+        lookup.source_stamp,
+        atomic=lookup.atomic,
+        versions=True,
+        max_gap_ns=lookup.max_gap_ns,
+    )
+    if isinstance(rows, AskServer):
+        return rows
+    status, stamp, newest, pose, errors, read_set, gap = rows
+    assert read_set is not None
+    names, versions = read_set
+    answer = wire.LookupReply(status, stamp, newest, pose, dict(errors), gap)
+    return instance, zip(names, versions.tolist(), strict=True), lambda: request.answer(answer)
+
+
 def with_versions(request: Lookup[T]) -> Request[VersionedRead[T]]:
-    """The same lookup as a part of a transaction."""
+    """The same, asked of the server."""
 
     def parse(reply: wire.Message) -> VersionedRead[T]:
         read_set = wire.parse_read_set(reply)

@@ -10,15 +10,12 @@ docstring, because editors and the API reference read both from the source.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Generic, TypeVar
 
-from zenoh_tf import Transform, wire
-from zenoh_tf._core import pack_single_lookup, parse_single_answer
-from zenoh_tf.errors import InvalidArgumentException, TransformException
-
-from . import columns
+from zenoh_tf import wire
+from zenoh_tf.errors import InvalidArgumentException
 
 T = TypeVar("T")
 
@@ -82,101 +79,6 @@ class Call(Request[T]):
 
     def parse(self, reply: wire.Message) -> T:
         return self.parser(reply)
-
-
-def _raise(error: TransformException) -> Any:
-    raise error
-
-
-#: Makes a result from a row of a reply: (request's row, stamp, newest stamp, pose) -> result, and
-#: the gap behind the pose, if there is one.
-Convert = Callable[..., T]
-
-
-@dataclass(slots=True)
-class Read(Request[T]):
-    """A lookup of a single row; a batch sends neighbouring ones as one operation."""
-
-    row: columns.Row
-    convert: Convert[T]
-    wait_s: float = 0.0
-    failed: Callable[[TransformException], T] = _raise
-    request_type: str = "lookup"
-    writes: ClassVar[bool] = False
-
-    @property
-    def group(self) -> str | None:
-        # The reply to a message comes when the last of its lookups has been waited for.
-        return None if self.wait_s else self.request_type
-
-    def body(self) -> wire.Message:
-        body = wire.one_read(*self.row)
-        if self.wait_s:
-            body["timeout_ns"] = timeout_ns(self.wait_s)
-        return body
-
-    def parse(self, reply: wire.Message) -> T:
-        one = wire.parse_one_answer(reply)
-        if one is not None:
-            stamp_ns, newest_ns, pose = one
-            return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose))
-        return self.answer(wire.parse_lookup_reply(reply, 1))
-
-    def payload(self) -> bytes:
-        if self.wait_s:
-            return wire.pack(self.body())
-        return pack_single_lookup(*self.row) or wire.pack(self.body())
-
-    def parse_plain(self, reply: bytes, instance: str) -> tuple[T] | None:
-        answer = parse_single_answer(reply, instance)
-        return None if answer is None else (self.convert(self.row, *answer),)
-
-    def lookup(self) -> wire.Lookup:
-        """Return the row as columns."""
-        return columns.join([self.row])
-
-    def answer(self, reply: wire.LookupReply) -> T:
-        """Return the result in a reply of one row, or raise its error."""
-        return self.result(next(reply.rows()))
-
-    def result(self, answer: wire.AnswerRow) -> T:
-        """Return the result in one row of a reply, or raise its error."""
-        error, stamp_ns, newest_ns, pose, gap_ns = answer
-        if error:
-            return self.failed(error)
-        return self.convert(self.row, stamp_ns, newest_ns, Transform.from_pose(pose), gap_ns)
-
-
-@dataclass(slots=True)
-class Rows(Request[T]):
-    """A lookup of any number of rows."""
-
-    rows: wire.Lookup
-    convert: Callable[[wire.LookupReply], T]
-    wait_s: float = 0.0
-    request_type: str = "lookup"
-
-    def body(self) -> wire.Message:
-        return wire.lookup_body(self.rows)
-
-    def parse(self, reply: wire.Message) -> T:
-        return self.convert(wire.parse_lookup_reply(reply, self.rows.rows))
-
-    def lookup(self) -> wire.Lookup:
-        """Return the columns."""
-        return self.rows
-
-    def answer(self, reply: wire.LookupReply) -> T:
-        """Return the result in a reply, or raise its error."""
-        return self.convert(reply)
-
-
-#: A lookup of either form.
-Lookup = Read[T] | Rows[T]
-
-#: What a lookup of a transaction gives: the server instance, the read set, and a function that
-#: returns the result or raises the lookup's error.
-VersionedRead = tuple[str, Iterable[tuple[str, int]], Callable[[], T]]
 
 
 def timeout_ns(timeout_s: float) -> int:

@@ -1,5 +1,4 @@
-"""The connection of a client with the server of one tree: sends requests, and reports missing
-replies.
+"""The connection of a client with the server of one tree: an exchange over a Zenoh session.
 
 It has one Zenoh session, at one of its endpoints (`link`). With several endpoints, `reconnect`
 replaces it by one at another endpoint when the tree is not there any more.
@@ -10,30 +9,22 @@ Thread safety: all methods; calls of different threads run side by side.
 from __future__ import annotations
 
 import threading
-import time
 import weakref
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import zenoh
 
-from zenoh_tf import threads
 from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
-from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf._zenoh.calls import SessionCalls, is_forked
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable
 
-from ..requests.receipt import Receipt
-from ..requests.request import Request
 from .exchange import Exchange
 from .links import reconnect
 from .links.choice import Links
 from .links.link import Link
 from .server_info import ServerInfo
-from .steps import Ask, Pause, ReadQuery, Steps, decode
-
-T = TypeVar("T")
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 DEFAULT_TREE = "main"
@@ -47,7 +38,7 @@ class ConnectionUser(Protocol):
         """Called when the connection has another session: declare it there. Must not raise."""
 
 
-class Connection:
+class Connection(Exchange):
     """A connection with one server; see the module. Close it with `close`."""
 
     def __init__(
@@ -73,22 +64,17 @@ class Connection:
         self.endpoints = zenoh_config.endpoints_of(endpoint)
         for each in self.endpoints:
             zenoh_config.check_encrypted(each, credentials)
-        self._address = zenoh_config.addresses(self.endpoints)  # for messages: without secrets
-        self.tree = tree
-        self.timeout_s = timeout_s
-        self.exchange = Exchange(
-            tree, self._address, credentials.user, timeout_s, moves=len(self.endpoints) > 1
-        )
+        address = zenoh_config.addresses(self.endpoints)
+        moves = len(self.endpoints) > 1
+        super().__init__(tree, address, credentials.user, timeout_s, moves=moves)
         self._users: weakref.WeakSet[ConnectionUser] = weakref.WeakSet()
-        self._is_closed = threading.Event()
         self._moving = threading.Lock()  # of the change of the link, and the end
-        self._links = Links(self.endpoints, tree, timeout_s, credentials, self.exchange)
-        self.link = self._links.first()
-        self.exchange.router = self._router
+        self._links = Links(self.endpoints, tree, timeout_s, credentials, self)
+        self._use(self._links.first())
         try:
-            if self.exchange.access is not None:
-                self.exchange.access.check_any()
-            if self.exchange.moves:
+            if self.access is not None:
+                self.access.check_any()
+            if self.moves:
                 reconnect.start(self, self._is_closed)
         except BaseException:
             self.close()
@@ -105,11 +91,6 @@ class Connection:
         return self.link.calls
 
     @property
-    def queries(self) -> Queries:
-        """The queries of the session."""
-        return self.link.queries
-
-    @property
     def endpoint(self) -> str:
         """The endpoint that the session is, or was last, connected to."""
         return self.link.endpoint
@@ -122,18 +103,8 @@ class Connection:
     @property
     def known_instance(self) -> str | None:
         """The same without asking: None if no server is known."""
-        server = self.known_server
+        server = self.server
         return None if server is None else server.instance
-
-    @property
-    def known_server(self) -> ServerInfo | None:
-        """The server that answered last, without asking: None if none is known."""
-        return self.exchange.server
-
-    @property
-    def closed(self) -> bool:
-        """True once `close` was called."""
-        return self._is_closed.is_set()
 
     def close(self) -> None:
         """Close the session; calls of other threads fail soon. May be called again."""
@@ -143,11 +114,6 @@ class Connection:
             self._is_closed.set()
         self.link.close()
 
-    @property
-    def last_receipt(self) -> Receipt | None:
-        """Of the latest write that the server has replied to; None if there was none."""
-        return self.exchange.last_receipt
-
     def add_user(self, user: ConnectionUser) -> None:
         """Let a user, unless it is collected, declare again in each later session what it has
         declared in this one."""
@@ -156,65 +122,22 @@ class Connection:
     def check_publish(self, authority: str) -> None:
         """Raise AccessDenied if this client may not publish as `authority`, and what
         `check_writable` raises."""
-        if self.exchange.access is not None:
-            self.exchange.access.check_publish(authority)
+        if self.access is not None:
+            self.access.check_publish(authority)
         self.check_writable()
 
     def check_writable(self) -> None:
         """Raise the error of `ServerInfo.raise_read_only` if the server is known to accept no
         writes."""
-        server = self.exchange.server
+        server = self.server
         if server is not None and server.primary is not None:
             server.raise_read_only()
 
     def hello(self, timeout_s: float | None = None) -> ServerInfo:
-        """Ask the server who it is; as `Exchange.hello`."""
-        return self._run(self.exchange.hello(timeout_s))
-
-    def call(self, request: Request[T]) -> T:
-        """Send a request and return its result; as `Exchange.call`, with a fast path beside it."""
-        exchange = self.exchange
-        server = exchange.server
-        if server is None or request.writes or exchange.moves or exchange.access is not None:
-            return self._run(exchange.call(request))
-        # The common case is a query and its reply. The steps of an exchange would add a half to
-        # the client's own work for a lookup, so they begin where that is not enough.
-        key, payload = exchange.keys[request.request_type], server.check_size(request.payload())
-        timeout_s = self.timeout_s + request.wait_s
-        begin_s = time.monotonic()
-        reply = self.link.queries.ask(key, payload, timeout_s)
-        if type(reply) is bytes and begin_s < exchange.next_hello_s:
-            result = request.parse_plain(reply, server.instance)
-            if result is not None:
-                exchange.age_s = None
-                return result[0]
-            if exchange.is_served(message := decode(reply)):
-                exchange.take_age(message)
-                return request.parse(message)
-        query = ReadQuery(key, payload, timeout_s, begin_s + timeout_s)
-        return self._run(exchange.finish_read(request, query, reply))
-
-    def _run(self, steps: Steps[T]) -> T:
-        """Run the steps one after another, and return their result."""
-        return threads.run_steps(steps, self._take)
-
-    def _take(self, step: Ask | Pause) -> bytes | NoReply | None:
-        if isinstance(step, Pause):
-            time.sleep(step.seconds)
-            return None
-        link = self.link
-        try:
-            return link.queries.ask(step.key, step.payload, step.timeout_s)
-        except ServerUnavailable:
-            if not self.was_replaced(link):
-                raise
-            return link.queries.went_away()
+        """Ask the server who it is; as `Exchange.greet`."""
+        return self.run(self.greet(timeout_s))
 
     # --- the link
-
-    def was_replaced(self, link: Link) -> bool:
-        """Whether a call failed because the connection has another link by now."""
-        return link is not self.link and not self.closed
 
     def move_if_lost(self) -> bool:
         """As `reconnect.Movable.move_if_lost`."""
@@ -224,22 +147,25 @@ class Connection:
         if link is None:
             return False
         with self._moving:
-            if self._is_closed.is_set():
+            if self.closed:
                 link.close()
                 return True
-            lost, self.link = self.link, link
+            lost = self.link
+            self._use(link)
         reconnect.log.info("connected to %s", zenoh_config.address(link.endpoint))
         for user in list(self._users):
             user.connection_changed()
         lost.close()  # what is under way there ends, and is asked again
         return True
 
-    def _router(self) -> str | None:
-        """The id of the router that the session has a link to; None if it has none now."""
+    def router(self) -> str | None:
         link = self.link
         try:
             return link.router()
         except ServerUnavailable:
-            if not self.was_replaced(link):
+            if not self.was_replaced(link.queries):
                 raise
             return None
+
+    def _use(self, link: Link) -> None:
+        self.link, self.queries = link, link.queries

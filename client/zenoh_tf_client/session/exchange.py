@@ -1,7 +1,7 @@
-"""What a client and the server of its tree say to each other, without any I/O.
+"""What a client and the server of its tree say to each other.
 
-Each method is a generator of steps: it yields what to do next, is sent the outcome, and returns
-its result. `Connection` runs the steps with blocking calls, `aio.Connection` on an event loop.
+It is written as generators of steps: each yields what to do next, is sent the outcome, and returns
+its result. `Exchange.call` takes the steps with blocking calls, `aio` on an event loop.
 
 Thread safety: all methods; steps of different threads run side by side.
 """
@@ -11,21 +11,23 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import threading
 import time
-from collections.abc import Callable
-from typing import Any, Final, TypeGuard, TypeVar
+import weakref
+from typing import Any, Final, Protocol, TypeGuard, TypeVar
 
 import zenoh
 
-from zenoh_tf import wire
+from zenoh_tf import threads, wire
 from zenoh_tf._net import keys
-from zenoh_tf._net.queries import NoReply
+from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import (
     OutcomeUnknown,
     ServerRestarted,
     ServerUnavailable,
     TransformException,
 )
+from zenoh_tf.shared_tree import AskServer
 
 from ..requests import info
 from ..requests.receipt import Receipt, later
@@ -47,8 +49,18 @@ _FIRST_CLOCK_PERIOD_S: Final = 1.0
 _HELLO_TIMEOUT_S: Final = 0.5
 
 
+class ServerUser(Protocol):
+    """What has something of the server, such as its memory."""
+
+    def server_changed(self) -> None:
+        """Called when another server may answer by now, or none. Must not raise or block."""
+
+
 class Exchange:
     """The exchange of one client with the server of one tree."""
+
+    #: The queries of the session, which may be another one at any time.
+    queries: Queries
 
     def __init__(
         self, tree: str, address: str, user: str | None, timeout_s: float, *, moves: bool = False
@@ -59,8 +71,8 @@ class Exchange:
         Raises:
             InvalidArgumentException: `tree` is no name of a tree.
         """
-        self._tree = tree
-        self._address = address
+        self.tree = tree
+        self._address = address  # for messages: without secrets
         self._user = user
         self.timeout_s = timeout_s
         self._timeout_ns = int(timeout_s * 1e9)
@@ -69,8 +81,11 @@ class Exchange:
         self.client_id: str | None = None
         #: The server that answered last; None if that is not known, or it may have gone.
         self.server: ServerInfo | None = None
-        #: The id of the router that the client sits on; the connection knows it.
-        self.router: Callable[[], str | None] = lambda: None
+        self._server_users: weakref.WeakSet[ServerUser] = weakref.WeakSet()
+        #: How many requests were sent by the reason why the server's memory had no answer; None:
+        #: no memory has it. Without a lock, as a forked child may inherit one locked. A lost count
+        #: does no harm.
+        self.asked: dict[AskServer | None, int] = dict.fromkeys((None, *AskServer), 0)
         self.absence = retries.Absence(self)
         self.moves = moves
         #: How old the last answer may be, in seconds; None if the server that commits gave it.
@@ -86,8 +101,68 @@ class Exchange:
         self.next_hello_s = 0.0
         self._id_prefix = os.urandom(8)  # of a request id, followed by a count
         self._id_count = itertools.count()
+        self._is_closed = threading.Event()
 
-    def hello(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
+    # --- with blocking calls
+
+    def call(self, request: Request[T], why: Any = None) -> T:
+        """Send a request; return its result, or raise its error, as `steps`. `why`: it is a lookup
+        to which the server's memory had no answer."""
+        self.asked[why] += 1
+        if why is AskServer.LAPSED:
+            self.report_server()
+        if request.writes:
+            return self.run(self._write(request))
+        query = self._query(request)
+        reply = self.take(query)
+        found = self._plain(request, reply)
+        if found is not None:  # the common case: steps would add a half to its work
+            return found[0]
+        return self.run(self._finish_read(request, query, reply))
+
+    def run(self, steps: Steps[T]) -> T:
+        """Take steps one after another, and return their result."""
+        return threads.run_steps(steps, self.take)
+
+    def take(self, step: Ask | Pause) -> bytes | NoReply | None:
+        """Take a step, and return its outcome."""
+        if isinstance(step, Pause):
+            time.sleep(step.seconds)
+            return None
+        queries = self.queries
+        try:
+            return queries.ask(step.key, step.payload, step.timeout_s)
+        except ServerUnavailable:
+            if not self.was_replaced(queries):
+                raise
+            return queries.went_away()
+
+    @property
+    def closed(self) -> bool:
+        """True once the connection is closed."""
+        return self._is_closed.is_set()
+
+    def was_replaced(self, queries: Queries) -> bool:
+        """Whether a query failed because the connection has another session by now."""
+        return queries is not self.queries and not self.closed
+
+    def router(self) -> str | None:
+        """The id of the router that the session is connected to; None if to none now. Raises
+        ServerUnavailable if it is closed."""
+        return None
+
+    def add_server_user(self, user: ServerUser) -> None:
+        """Report to a user, unless it is collected, when the server may have changed."""
+        self._server_users.add(user)
+
+    def report_server(self) -> None:
+        """The server may have changed, or ended."""
+        for user in list(self._server_users):
+            user.server_changed()
+
+    # --- as steps
+
+    def greet(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
         """Ask the server who it is, for its limits, and for what this client may do.
 
         Raises ServerUnavailable if it does not answer within `timeout_s`, or the usual time-out.
@@ -106,17 +181,19 @@ class Exchange:
         value = request.parse(reply)
         access = value.get("access")
         self.access = (
-            None if access is None else Access(self._tree, self._address, self._user, access)
+            None if access is None else Access(self.tree, self._address, self._user, access)
         )
-        server = parse_server_info(value, now_ns)
+        known, server = self.server, parse_server_info(value, now_ns)
         self.server = server
         self.absence.ended()
+        if known is None or known.instance != server.instance:
+            self.report_server()
         return server
 
     def _clock_period_s(self) -> float:
         return _FIRST_CLOCK_PERIOD_S if self._round_trip is None else _CLOCK_PERIOD_S
 
-    def call(self, request: Request[T]) -> Steps[T]:
+    def steps(self, request: Request[T]) -> Steps[T]:
         """Send a request; return its result, or raise its error.
 
         Raises ServerUnavailable if no reply comes to a request that changes nothing, and
@@ -125,6 +202,15 @@ class Exchange:
         return self._write(request) if request.writes else self._read(request)
 
     def _read(self, request: Request[T]) -> Steps[T]:
+        query = self._query(request)
+        reply = yield query
+        found = self._plain(request, reply)
+        if found is not None:
+            return found[0]
+        return (yield from self._finish_read(request, query, reply))
+
+    def _query(self, request: Request[Any]) -> ReadQuery:
+        """The query of a read."""
         timeout_s = self.timeout_s + request.wait_s
         floor: Receipt | None = None
         if self.access is None and not self.moves:  # the common case
@@ -136,20 +222,27 @@ class Exchange:
                 floor = None if wire.FLOOR in body else self.floor.value
                 body = self.floor.add(body)
             payload = wire.pack(body)
-        deadline_s = time.monotonic() + timeout_s
-        query = ReadQuery(key, self._check_size(payload), timeout_s, deadline_s, floor)
-        return (yield from self.finish_read(request, query, (yield query)))
+        server = self.server
+        if server is not None and len(payload) > server.message_bytes:
+            server.check_size(payload)
+        return ReadQuery(key, payload, timeout_s, time.monotonic() + timeout_s, floor)
 
-    def finish_read(
-        self, request: Request[T], query: ReadQuery, reply: bytes | NoReply
+    def _plain(self, request: Request[T], reply: bytes | NoReply | None) -> tuple[T] | None:
+        """The result of a read in the common case. None: the reply has to be decoded, or is not
+        from the server that is known, or that one is to be greeted."""
+        server = self.server
+        if server is None or type(reply) is not bytes or time.monotonic() >= self.next_hello_s:
+            return None
+        found = request.parse_plain(reply, server.instance)
+        if found is not None:
+            self.age_s = None
+        return found
+
+    def _finish_read(
+        self, request: Request[T], query: ReadQuery, reply: bytes | NoReply | None
     ) -> Steps[T]:
-        """Continue after the reply to the query of a read."""
-        if (server := self.server) is not None and type(reply) is bytes:
-            plain = request.parse_plain(reply, server.instance)
-            if plain is not None:  # the common case
-                self.age_s = None
-                yield from self._keep_in_touch()
-                return plain[0]
+        """Continue after the reply to the query of a read, if it is not plain."""
+        assert reply is not None
         message = decode(reply)
         if not self.is_served(message):
             key, payload = query.key, query.payload
@@ -169,22 +262,20 @@ class Exchange:
                 yield Pause(retries.PAUSE_S)
                 left_s = query.deadline_s - time.monotonic()
                 message = decode((yield Ask(key, payload, max(left_s, 0.001))))
-        self.take_age(message)
+        self.age_s = wire.parse_age_s(message)
         self.floor.record(message, query.floor)
+        if self.server is None:
+            self.report_server()
         yield from self._keep_in_touch()
         wire.raise_error(message)
         return request.parse(message)
-
-    def take_age(self, reply: wire.Message) -> None:
-        """Accept what a reply says of its age."""
-        self.age_s = wire.parse_age_s(reply)
 
     def _keep_in_touch(self) -> Steps[None]:
         """Say hello again if it is time for it, after a read that was answered."""
         if time.monotonic() < self.next_hello_s:
             return
         with contextlib.suppress(TransformException):
-            yield from self.hello(_HELLO_TIMEOUT_S)
+            yield from self.greet(_HELLO_TIMEOUT_S)
 
     def _write(self, request: Request[T]) -> Steps[T]:
         """If the request names an instance, only that server instance may apply the write; another
@@ -202,7 +293,7 @@ class Exchange:
     def _write_once(self, request: Request[Any]) -> Steps[wire.Message]:
         server = self.server
         if server is None or time.monotonic() >= self.next_hello_s:
-            server = yield from retries.hello(self)  # for an expiry by the clocks as they are now
+            server = yield from retries.greet(self)  # for an expiry by the clocks as they are now
         body = request.body()
         key = self._key(request.request_type, body)
         now_ns = time.monotonic_ns()
@@ -246,14 +337,14 @@ class Exchange:
         """
         if self.server is None:
             with contextlib.suppress(ServerUnavailable):
-                yield from self.hello(_HELLO_TIMEOUT_S)
+                yield from self.greet(_HELLO_TIMEOUT_S)
                 self._key(request.request_type, request.body())
 
     def _check_denied(self, request: Request[Any], instance: str) -> Steps[None]:
         """Raise AccessDenied if the rules of a server instance, which never change, do not allow
         a write that got no reply: then it has not run."""
         with contextlib.suppress(ServerUnavailable):
-            server = yield from self.hello(_HELLO_TIMEOUT_S)
+            server = yield from self.greet(_HELLO_TIMEOUT_S)
             if server.instance == (request.instance or instance):
                 self._key(request.request_type, request.body())
 
@@ -274,8 +365,3 @@ class Exchange:
             isinstance(reply, NoReply) or reply.get("instance") != server.instance
         ):
             self.server = None  # the clock and limits of a new one are not known yet
-
-    def _check_size(self, payload: bytes) -> bytes:
-        """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
-        server = self.server
-        return payload if server is None else server.check_size(payload)

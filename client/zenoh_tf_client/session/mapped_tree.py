@@ -17,20 +17,19 @@ import logging
 import os
 import threading
 import weakref
-from typing import Any, Final, Literal, Protocol, TypeVar, cast
+from typing import Final, Literal, Protocol
 
-from zenoh_tf import TransformTree, threads, wire
+from zenoh_tf import threads
 from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import NotTrusted
 from zenoh_tf._zenoh.calls import is_forked
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
-from ..requests.request import Read, Rows, VersionedRead
+from ..requests.lookups import NO_TREE
 from .connection import Connection
 from .server_info import ServerInfo
 
-T = TypeVar("T")
 Mode = Literal["shared", "query"]
 MODES: Final = ("shared", "query")
 
@@ -78,23 +77,6 @@ COUNTERS: Final = {
 log = logging.getLogger("zenoh_tf.client")
 
 
-def _absent(*_: object, _absent: AskServer = AskServer.ABSENT, **__: object) -> AskServer:
-    return _absent
-
-
-class _NoTree:
-    """Stands for a mapped tree where there is none."""
-
-    lease_left_s = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        setattr(self, name, _absent)  # the next call finds it at once
-        return _absent
-
-
-NO_TREE: Final = cast(SharedTree, _NoTree())
-
-
 class Reader(Protocol):
     """What reads the tree: it has it as an attribute of its own."""
 
@@ -115,9 +97,6 @@ class MappedTree:
         self.tree: SharedTree = NO_TREE
         self._connection = connection
         self._clients: weakref.WeakSet[Reader] = weakref.WeakSet()
-        #: By reason, how often a lookup asked the server. Without a lock, as a forked child may
-        #: inherit one locked. A lost count does no harm.
-        self.asked = dict.fromkeys(AskServer, 0)
         self._refused = dict.fromkeys(REASONS, 0)
         self._mapped = 0
         #: The server whose tree is mapped, or for good cannot be.
@@ -133,9 +112,10 @@ class MappedTree:
         if not self._is_on:
             self._refused["not_chosen"] += 1
             return
-        server = connection.known_server
+        server = connection.server
         if server is not None:
             self._map(server)
+        connection.add_server_user(self)
         if self._settled is None or self.tree is not NO_TREE:
             self._follow()
 
@@ -150,19 +130,17 @@ class MappedTree:
         """How a lookup would be answered now."""
         return "shared" if self.tree.lease_left_s > 0 else "query"
 
-    def request_update(self, why: AskServer) -> None:
+    def server_changed(self) -> None:
         """Let the thread map the tree of a new server, if there is one."""
         if self._is_on:
-            server = self._connection.known_server
-            instance = None if server is None else server.instance
-            if why is AskServer.LAPSED or instance != self._settled:
-                self._follow()
-                self._wanted.set()
+            self._follow()
+            self._wanted.set()
 
     def stats(self) -> dict[str, int]:
         """The counters of this client: how it reads, how often not so, and why."""
         counts = {"shared": int(self.in_use == "shared"), "mapped": self._mapped}
-        counts |= {f"asked_{why.name.lower()}": count for why, count in self.asked.items()}
+        asked = self._connection.asked
+        counts |= {f"asked_{why.name.lower()}": asked[why] for why in AskServer}
         counts |= {f"refused_{why}": count for why, count in self._refused.items()}
         return {f"reads_{name}": count for name, count in counts.items()}
 
@@ -192,15 +170,18 @@ class MappedTree:
             if tree.lease_left_s < -_LAPSED_S:
                 self._set(NO_TREE)
                 self._settled = None
+                wanted = True  # it may only have stopped
         if not wanted:
             return True
         try:
             server = self._connection.hello()
         except TransformException:
-            return True  # the next lookup asks for it again
+            return True  # a lookup that it answers again reports it
         if server.instance == self._settled:
             return True
         self._map(server)
+        if self._settled is None:
+            self._wanted.set()
         return self._settled is not None
 
     def _map(self, server: ServerInfo) -> None:
@@ -258,32 +239,6 @@ class MappedTree:
                 return
             self._follows = True
         threads.start("shared reads", _follow, weakref.ref(self), self._wanted, self._closed)
-
-
-def read_tree(
-    tree: SharedTree | TransformTree, instance: str, request: Read[T] | Rows[T]
-) -> VersionedRead[T] | AskServer:
-    """Look up in a tree that has the versions of a server instance."""
-    lookup = request.lookup()
-    rows = tree._read_rows(
-        lookup.names,
-        lookup.op,
-        lookup.target,
-        lookup.source,
-        lookup.stamp,
-        lookup.fixed,
-        lookup.source_stamp,
-        atomic=lookup.atomic,
-        versions=True,
-        max_gap_ns=lookup.max_gap_ns,
-    )
-    if isinstance(rows, AskServer):
-        return rows
-    status, stamp, newest, pose, errors, read_set, gap = rows
-    assert read_set is not None
-    names, versions = read_set
-    answer = wire.LookupReply(status, stamp, newest, pose, dict(errors), gap)
-    return instance, zip(names, versions.tolist(), strict=True), lambda: request.answer(answer)
 
 
 def check(mode: str) -> None:

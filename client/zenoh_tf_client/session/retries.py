@@ -12,7 +12,6 @@ from __future__ import annotations
 import random
 import time
 import weakref
-from collections.abc import Callable
 from typing import Final, Protocol
 
 import zenoh
@@ -35,10 +34,12 @@ class Exchange(Protocol):
 
     timeout_s: float
     moves: bool
-    router: Callable[[], str | None]
     absence: Absence
 
-    def hello(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
+    def router(self) -> str | None:
+        """The id of the router that the client sits on."""
+
+    def greet(self, timeout_s: float | None = None) -> Steps[ServerInfo]:
         """Ask the server who it is."""
 
     def check_instance(self, reply: wire.Message | NoReply) -> None:
@@ -77,12 +78,12 @@ class Absence:
         return now_s + PAUSE_S < min(deadline_s, since_s + ABSENT_S)
 
 
-def hello(exchange: Exchange) -> Steps[ServerInfo]:
-    """As `Exchange.hello`, of a server that may not be there yet."""
+def greet(exchange: Exchange) -> Steps[ServerInfo]:
+    """As `Exchange.greet`, of a server that may not be there yet."""
     deadline_s = time.monotonic() + exchange.timeout_s
     while True:
         try:
-            return (yield from exchange.hello(max(deadline_s - time.monotonic(), 0.001)))
+            return (yield from exchange.greet(max(deadline_s - time.monotonic(), 0.001)))
         except ServerUnavailable:
             if not exchange.absence.may_end(deadline_s):
                 raise

@@ -104,6 +104,6 @@ class WaitLoop:
     async def _main(self, started: Future[asyncio.AbstractEventLoop]) -> None:
         #: For the coroutines that `start` runs.
         owner = self._owner
-        self.client = AsyncTransformClient(Connection(owner._connection, owner._reads.mapped))
+        self.client = AsyncTransformClient(Connection(owner._connection, owner._mapped))
         started.set_result(asyncio.get_running_loop())
         await self._end.wait()  # `asyncio.run` then cancels what is left

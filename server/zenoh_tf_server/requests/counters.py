@@ -109,6 +109,10 @@ class RequestCounters:
                 total.merge(counts)
         return total
 
+    def add_thread(self, request_type: str) -> None:
+        """The calling thread will serve requests of this type."""
+        self._add_thread().ok[request_type] = _empty()
+
     def _add_thread(self) -> ThreadCounts:
         counts = self._local.counts = ThreadCounts()
         with self._lock:

@@ -11,12 +11,8 @@ Invariant: a lane holds no client without requests, so `take` is O(1).
 from __future__ import annotations
 
 import threading
-from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
-from dataclasses import dataclass
-from typing import Final
-
-import zenoh
+from typing import Final, Generic, Protocol, TypeVar
 
 from zenoh_tf.errors import TransformException
 
@@ -29,13 +25,10 @@ _OVERHEAD_BYTES: Final = 512
 RETRY_AFTER_S: Final = 0.1
 
 
-@dataclass(slots=True)
-class QueuedRequest:
-    """A query that was received. `client` is the id of a client that is connected, or empty."""
+class QueuedRequest(Protocol):
+    """A request that was received."""
 
-    query: zenoh.Query
-    request_type: str
-    client: str
+    client: str  # the id of a client that is connected, or empty
     size: int  # bytes of the payload
 
 
@@ -53,17 +46,20 @@ class QueueShares:
         return {"pending_queries": self.count.total, "pending_bytes": self.bytes.total}
 
 
-class Lane:
+R = TypeVar("R", bound=QueuedRequest)
+
+
+class Lane(Generic[R]):
     """Requests that wait for the same threads, a queue for each client."""
 
     def __init__(self, shares: QueueShares) -> None:
         self._shares, self._queries, self._sizes = shares, shares.count, shares.bytes
-        self._queues: OrderedDict[str, deque[QueuedRequest]] = OrderedDict()
+        self._queues: OrderedDict[str, deque[R]] = OrderedDict()
         self._filled = threading.Condition(shares.lock)
         self._waiting = 0  # threads in `wait`
         self._closed = False
 
-    def enqueue(self, request: QueuedRequest) -> TransformException | None:
+    def enqueue(self, request: R) -> TransformException | None:
         """Queue a request, or return why it is refused."""
         client, cost = request.client, request.size + _OVERHEAD_BYTES
         with self._shares.lock:
@@ -80,12 +76,12 @@ class Lane:
                 self._filled.notify()
             return None
 
-    def take(self) -> QueuedRequest | None:
+    def take(self) -> R | None:
         """The next request of the client whose turn it is; None if there is none."""
         with self._shares.lock:
             return self._take()
 
-    def wait(self) -> QueuedRequest | None:
+    def wait(self) -> R | None:
         """The same, but waits for a request. None: the lane is closed and empty."""
         with self._shares.lock:
             while (request := self._take()) is None:
@@ -102,7 +98,7 @@ class Lane:
             self._closed = True
             self._filled.notify_all()
 
-    def _take(self) -> QueuedRequest | None:
+    def _take(self) -> R | None:
         if not self._queues:
             return None
         client, queue = self._queues.popitem(last=False)
@@ -112,39 +108,3 @@ class Lane:
         self._queries.give_back(client, 1)
         self._sizes.give_back(client, request.size + _OVERHEAD_BYTES)
         return request
-
-
-class Admission(Lane, ABC):
-    """Lets some requests be served at once; others wait in the lane, or are refused.
-
-    Invariant: requests wait only while no place is free. `queue_if_busy` takes a place or
-    queues, and `end` takes from the queue or frees the place, under one lock, so no request stays
-    behind. That lock is taken before that of the shares.
-    """
-
-    def __init__(self, shares: QueueShares, places: int) -> None:
-        super().__init__(shares)
-        self._lock = threading.Lock()
-        self._free = places  # guarded by the lock
-
-    def queue_if_busy(self, query: zenoh.Query, size: int) -> bool:
-        """Take a free place until `end`, and return False: the caller serves the query. If no place
-        is free, queue or refuse the query, of `size` bytes, and return True."""
-        with self._lock:
-            if self._free:
-                self._free -= 1
-                return False
-            self._queue(query, size)
-            return True
-
-    def end(self) -> QueuedRequest | None:
-        """End a request. Returns the one that the caller serves in its place, if one waits."""
-        with self._lock:
-            if self._queues and (request := self.take()) is not None:
-                return request
-            self._free += 1
-            return None
-
-    @abstractmethod
-    def _queue(self, query: zenoh.Query, size: int) -> None:
-        """Put a query into the lane, or refuse it. Called with the lock."""

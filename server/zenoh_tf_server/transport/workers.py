@@ -32,7 +32,7 @@ from zenoh_tf._zenoh.replies import Replies, Reply
 from ..requests.handler import UNKNOWN, Handler
 from ..security.access_control import KEYED
 from .clients import Clients
-from .lanes import RETRY_AFTER_S, Admission, Lane, QueuedRequest, QueueShares
+from .lanes import RETRY_AFTER_S, Lane, QueueShares
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -79,8 +79,8 @@ class Workers:
         #: By request type.
         self.keys: dict[str, zenoh.KeyExpr] = {}
         self._threads: list[threading.Thread] = []
-        long: Lane = Lane(self.shares)
-        infos: Lane = Lane(self.shares)
+        long: Lane[Reply] = Lane(self.shares)
+        infos: Lane[Reply] = Lane(self.shares)
         self._lanes = ((long, count), (infos, 1))
         self._queryables = [
             _Queryable(
@@ -112,29 +112,25 @@ class Workers:
             lane.close()
         threads.join(*self._threads)
 
-    def _reply_to(self, query: zenoh.Query, request_type: str, size: int) -> Reply:
+    def reply_to(self, query: zenoh.Query, request_type: str, size: int) -> Reply:
         """The ReplyCallback of a query with `size` bytes."""
+        client, in_parts = UNKNOWN, False
+        attachment = query.attachment
+        if attachment is not None and len(attachment) <= _MAX_ATTACHMENT_BYTES:
+            client, in_parts = _sender_of(attachment.to_bytes())
+            if client not in self._clients.connected:
+                client = self._clients.known(client)
         # A reply's key must lie within its query's key.
         key = query.key_expr if request_type in self.keyed else self.keys[request_type]
-        return Reply(query, key, self._sender(query), size, self._replies)
+        return Reply(query, request_type, size, key, client, in_parts, self._replies)
 
-    def _sender(self, query: zenoh.Query) -> tuple[str, bool]:
-        """The client that sent a query, and whether it accepts parts."""
-        attachment = query.attachment
-        if attachment is None or len(attachment) > _MAX_ATTACHMENT_BYTES:
-            return UNKNOWN, False
-        known = _sender_of(attachment.to_bytes())
-        if known[0] in self._clients.connected:  # the common case
-            return known
-        return self._clients.known(known[0]), known[1]
-
-    def serve(self, query: zenoh.Query, request_type: str, data: bytes | None = None) -> None:
+    def serve(self, reply_to: Reply, data: bytes | None = None) -> None:
         """Run a request and reply to it; never raises. `data` is the payload, if it was read."""
+        query, request_type = reply_to.query, reply_to.request_type
         try:
             if data is None:
                 payload = query.payload
                 data = payload.to_bytes() if payload is not None else b""
-            reply_to = self._reply_to(query, request_type, len(data))
             if self._replies.unread.total:  # not the common case
                 refusal = self._replies.refusal(reply_to.client, RETRY_AFTER_S)
                 if refusal is not None:
@@ -146,28 +142,47 @@ class Workers:
             log.exception("internal error while serving %s", request_type)
             query.drop()
 
-    def _serve_lane(self, lane: Lane) -> None:
-        while (request := lane.wait()) is not None:
-            self.serve(request.query, request.request_type)
+    def count_thread(self, request_type: str) -> None:
+        """Begin to count the requests that the calling thread serves."""
+        self._service.requests.add_thread(request_type)
 
-    def enqueue(self, lane: Lane, query: zenoh.Query, request_type: str, size: int) -> None:
+    def _serve_lane(self, lane: Lane[Reply]) -> None:
+        while (request := lane.wait()) is not None:
+            self.serve(request)
+
+    def enqueue(self, lane: Lane[Reply], reply_to: Reply) -> None:
         """Let a query wait in a lane, or refuse it."""
         refusal: Exception | None
-        if size > self._service.limits.message_bytes:
-            refusal = self._service.limits.exceeded("message_bytes", size)
+        if reply_to.size > self._service.limits.message_bytes:
+            refusal = self._service.limits.exceeded("message_bytes", reply_to.size)
         else:
-            refusal = lane.enqueue(QueuedRequest(query, request_type, self._sender(query)[0], size))
+            refusal = lane.enqueue(reply_to)
         if refusal is not None:
-            self._reply_to(query, request_type, size)(self._service.error(refusal), True)
+            reply_to(self._service.error(refusal), True)
 
 
-class _Queryable(Admission):
-    """The channel and the threads of one type of requests."""
+def _is_hello(data: bytes) -> bool:
+    return len(data) <= _HELLO_BYTES and _HELLO in data
 
-    def __init__(self, workers: Workers, request_type: str, count: int, long_lane: Lane) -> None:
-        super().__init__(workers.shares, count)
+
+class _Queryable(Lane[Reply]):
+    """The channel and the threads of one type of requests. Some requests are served at once; others
+    wait in the lane, or are refused.
+
+    Invariant: requests wait only while no place is free. A thread takes a place or queues, and then
+    takes from the queue or frees the place, under one lock, so no request stays behind. That lock
+    is taken before that of the shares.
+    """
+
+    def __init__(
+        self, workers: Workers, request_type: str, count: int, long_lane: Lane[Reply]
+    ) -> None:
+        super().__init__(workers.shares)
+        self._lock = threading.Lock()
+        self._free = count  # places, guarded by the lock
         self._workers = workers
         self._request_type = request_type
+        self._is_info = request_type == "info"
         self._count = count
         self._long_lane = long_lane
         self._queryable: zenoh.Queryable[Any] | None = None
@@ -189,28 +204,36 @@ class _Queryable(Admission):
             self._queryable.undeclare()
 
     def _work(self, receive: Any) -> None:
+        workers = self._workers
+        workers.count_thread(self._request_type)
+        request: Reply | None = None
         while True:
             try:
                 query: zenoh.Query = receive()
             except zenoh.ZError:  # undeclared
                 return
             try:
-                self._receive(query)
+                payload = query.payload
+                size = len(payload) if payload is not None else 0
+                data = payload.to_bytes() if payload is not None and size <= SHORT_BYTES else b""
+                request = workers.reply_to(query, self._request_type, size)
+                if size > SHORT_BYTES or (self._is_info and not _is_hello(data)):
+                    workers.enqueue(self._long_lane, request)
+                    continue
+                with self._lock:
+                    if not self._free:
+                        workers.enqueue(self, request)
+                        continue
+                    self._free -= 1
+                workers.serve(request, data)
+                while True:
+                    with self._lock:
+                        request = self.take() if self._queues else None
+                        if request is None:
+                            self._free += 1
+                            break
+                    workers.serve(request)
             except Exception:  # no query may end a thread
                 log.exception("internal error while receiving on %s", self._request_type)
-
-    def _receive(self, query: zenoh.Query) -> None:
-        payload = query.payload
-        size = len(payload) if payload is not None else 0
-        if size <= SHORT_BYTES:
-            data = payload.to_bytes() if payload is not None else b""
-            if self._request_type != "info" or (size <= _HELLO_BYTES and _HELLO in data):
-                if not self.queue_if_busy(query, size):
-                    self._workers.serve(query, self._request_type, data)
-                    while (request := self.end()) is not None:
-                        self._workers.serve(request.query, self._request_type)
-                return
-        self._workers.enqueue(self._long_lane, query, self._request_type, size)
-
-    def _queue(self, query: zenoh.Query, size: int) -> None:
-        self._workers.enqueue(self, query, self._request_type, size)
+            finally:  # keep nothing while the thread waits for the next query
+                payload, data, request = None, b"", None

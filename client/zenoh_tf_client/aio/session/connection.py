@@ -10,10 +10,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Final, Self, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
+from zenoh_tf.shared_tree import AskServer
 
 from ...requests.request import Request
 from ...session import connection
@@ -44,8 +45,8 @@ class Connection:
         self.mapped = mapped
         self._loop = asyncio.get_running_loop()
         self._transport = Transport(self._loop, opened)
-        self._outbox = Outbox(self._transport, opened.exchange)
-        self._waits = Waits(self._transport, opened.exchange)
+        self._outbox = Outbox(self._transport, opened)
+        self._waits = Waits(self._transport, opened)
         self._room = asyncio.Semaphore(MAX_CALLS)
         self._waiting_room = asyncio.Semaphore(MAX_WAITING_LOOKUPS)
 
@@ -81,13 +82,16 @@ class Connection:
         """True once `close` was called."""
         return self._transport.is_closed
 
-    async def call(self, request: Request[T]) -> T:
-        """Send a request; return its result, or raise its error.
+    async def call(self, request: Request[T], why: Any = None) -> T:
+        """Send a request; return its result, or raise its error; `why`: as for `Exchange.call`.
 
         A cancelled call leaves nothing behind. If it was a write that was sent, the cause of the
         CancelledError is OutcomeUnknown.
         """
         self._check_loop()
+        self.opened.asked[why] += 1
+        if why is AskServer.LAPSED:
+            self.opened.report_server()
         room = self._room
         if request.wait_s:
             room, request = self._waiting_room, self._waits.named(request)

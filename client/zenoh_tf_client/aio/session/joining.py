@@ -15,7 +15,8 @@ from zenoh_tf import wire
 from zenoh_tf.errors import ProtocolError, ServiceException
 
 from ...requests import columns
-from ...requests.request import Read, Request
+from ...requests.lookups import Read
+from ...requests.request import Request
 
 #: Returns the result of one operation, or raises its error.
 Result = Callable[[], Any]

@@ -78,7 +78,7 @@ class Message(Drive):
         self._joined: Joined | None = None
         if len(operations) > 1:
             self._joined = join([operation.request for operation in operations])
-        super().__init__(transport, exchange.call(self._joined or first))
+        super().__init__(transport, exchange.steps(self._joined or first))
         self._outbox = outbox
         self._operations = operations
         self._left = len(operations)  # those that are not cancelled

@@ -120,13 +120,13 @@ class SentQuery:
     def send(self) -> None:
         """Send it; may block. Thread safety: any thread."""
         step, opened = self._step, self._transport.opened
-        link = opened.link
+        queries = opened.queries
         try:
-            link.queries.send(
+            queries.send(
                 step.key, step.payload, step.timeout_s, self._replied, self._ended, self._token
             )
         except TransformException as error:
-            self._transport.hand_over(self, None if opened.was_replaced(link) else error)
+            self._transport.hand_over(self, None if opened.was_replaced(queries) else error)
         self._is_sent = True
         if self._arrived is None:  # it was cancelled meanwhile
             self._token.cancel()

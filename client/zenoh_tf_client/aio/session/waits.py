@@ -95,7 +95,7 @@ class _Cancellation(Drive):
     def __init__(
         self, transport: Transport, exchange: Exchange, wait_ids: list[int], pause_s: float
     ) -> None:
-        super().__init__(transport, exchange.call(info.cancel(wait_ids)))
+        super().__init__(transport, exchange.steps(info.cancel(wait_ids)))
         self._exchange = exchange
         self._pause_s = pause_s
 

@@ -122,7 +122,7 @@ class Links:
         while True:
             left_s = deadline_s - time.monotonic()
             try:
-                run(link, self._exchange.hello(max(left_s, 0.1)))
+                run(link, self._exchange.greet(max(left_s, 0.1)))
                 return
             except ServerUnavailable:
                 is_last = left_s <= _HELLO_PERIOD_S
@@ -187,7 +187,7 @@ class Links:
         begin_s = time.monotonic()
         while True:
             try:
-                run(link, self._exchange.hello(_ANSWER_S))
+                run(link, self._exchange.greet(_ANSWER_S))
                 return True
             except TransformException:
                 if time.monotonic() - begin_s > _DECLARED_S:
