@@ -25,7 +25,7 @@ _HIGHEST: Final = {"reply_bytes": wire.MAX_REPLY_BYTES}
 #: Any other limit must fit into the native module's numbers.
 _HIGHEST_OF_ALL: Final = 10**15
 #: Names that a row may use: target, source and the fixed frame.
-_NAMES_PER_ROW: Final = 3
+NAMES_PER_ROW: Final = 3
 
 
 def _limit(default: int, meaning: str, when_hit: str, is_set: bool = True) -> int:
@@ -242,8 +242,8 @@ class Limits:
 
     def check_names(self, names: int) -> None:
         """Refuse a message that has more names than the most rows can use."""
-        if names > _NAMES_PER_ROW * self.rows:
-            raise self.exceeded("rows", names // _NAMES_PER_ROW)
+        if names > NAMES_PER_ROW * self.rows:
+            raise self.exceeded("rows", names // NAMES_PER_ROW)
 
     def exceeded(self, name: str, value: int) -> LimitExceeded:
         """The error for a `value` above the limit `name`."""

@@ -52,9 +52,9 @@ FAULTS = [
     ),
     Fault(
         "a commit is answered before it is applied",
-        "return tree._commit_rows(",
-        "return (lambda *a, **k: (__import__('threading').Timer(0.002, tree._commit_rows, a, k)"
-        ".start(), b'\\1' * len(a[0]))[1])(",
+        "stored = commit.apply(self.tree)",
+        "stored = (__import__('threading').Timer(0.002, commit.apply, (self.tree,)).start(),"
+        " b'\\1' * len(commit.rows))[1]",
     ),
     Fault(
         "a lease outlives its server", "self._keeper = LeaseKeeper(tree)", "tree._begin_lease(60.0)"

@@ -74,10 +74,10 @@ def test_a_busy_server_is_asked_again_within_the_time() -> None:
 def test_a_read_that_was_refused_until_its_time_was_over_is_refused() -> None:
     exchange = greeted()
     with pytest.raises(ServerBusy):  # the last query had no time for a reply
-        Script(busy(0.01), busy(0.01), no_reply()).run(exchange.call(info.frames()))
+        Script(busy(0.01), busy(0.01), no_reply()).run(exchange.steps(info.frames()))
     assert exchange.server is None
     with pytest.raises(OutcomeUnknown):  # but it may have been applied
-        Script(busy(0.01), no_reply()).run(greeted().call(WRITE))
+        Script(busy(0.01), no_reply()).run(greeted().steps(WRITE))
 
 
 def test_no_reply_leaves_only_a_writes_outcome_open() -> None:

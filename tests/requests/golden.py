@@ -155,7 +155,7 @@ def native_reply() -> bytes:
 
 
 def batch_reply() -> bytes:
-    stored = wire.commit_reply(b"\1") | {"seq": 9}
+    stored = {"stored": b"\1", "seq": 9}
     failed = {"error": wire.encode_error(BY_CODE[11]("too much", field="reply_bytes"))}
     return wire.batch_reply([wire.pack(part) for part in (stored, failed)], INSTANCE)
 
@@ -252,7 +252,7 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         read(wire.parse_age_s),
     ),
     "reply to a commit": (
-        lambda: reply(wire.commit_reply(b"\1\0") | {"seq": 9}),
+        lambda: reply({"stored": b"\1\0", "seq": 9}),
         read(wire.parse_commit_reply, 2),
     ),
     "reply to a batch": (batch_reply, read(wire.parse_batch_reply, 2)),

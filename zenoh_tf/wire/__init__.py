@@ -22,7 +22,6 @@ from .commit import (
     Write,
     commit_body,
     commit_parts,
-    commit_reply,
     parse_commit,
     parse_commit_reply,
     parse_write,

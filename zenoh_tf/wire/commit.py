@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import TransformRows
+from .._core import TransformRows, Tree
 from ..errors import ProtocolError
 from .error_codec import raise_error
 from .fields import (
@@ -48,6 +48,16 @@ def write_fields(identity: bytes, expires_ns: int, instance: str) -> Message:
 
 
 def parse_write(message: Message) -> Write:
+    get = message.get
+    identity, expires_ns, instance = get("id"), get("expires_ns"), get("instance")
+    if (
+        type(identity) is bytes
+        and len(identity) == ID_BYTES
+        and type(expires_ns) is int
+        and 0 <= expires_ns < 1 << 63
+        and type(instance) is str
+    ):  # the common case
+        return Write(identity, expires_ns, instance)
     write = Write()
     if "id" in message:
         identity = message["id"]
@@ -76,6 +86,19 @@ class Commit:
     max_stamp_ns: int | None = None  # of a put, not sent: later dynamic rows are dropped
     drop_bad: bool = False  # of a put, not sent: refuse bad rows alone; else they fail the commit
     drop_strays: bool = False  # of a put, not sent: refuse dynamic rows of another clock
+
+    def apply(self, tree: Tree) -> bytes:
+        """Commit it to a tree. Returns what became of each row (zenoh_tf.admission)."""
+        return tree._commit_rows(
+            self.rows,
+            authority=self.authority,
+            static=self.static,
+            drop_old=self.drop_old,
+            drop_bad=self.drop_bad,
+            read_names=self.read_names,
+            read_versions=self.read_versions,
+            expires_ns=self.expires_ns,
+        )
 
 
 def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:
@@ -150,15 +173,11 @@ def _malformed_rows(body: Message) -> ProtocolError:
     return malformed("names", "names of frames")
 
 
-def commit_reply(stored: bytes) -> Message:
-    """The reply to a commit, without the envelope's "v" and "instance"."""
-    return {"stored": stored}
-
-
 def parse_commit_reply(reply: Message, rows: int) -> bytes:
     """A byte for each row: 1 stored, 0 dropped as too old. Raises the error that `reply` carries,
     if any."""
-    raise_error(reply)
+    if "error" in reply:
+        raise_error(reply)
     stored = reply.get("stored")
     if type(stored) is not bytes or len(stored) != rows:
         raise malformed("stored", f"binary, of {rows} bytes")

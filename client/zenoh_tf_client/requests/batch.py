@@ -25,7 +25,7 @@ class BatchRequest(Request[None]):
 
     def __init__(self, recorded: list[tuple[Request[Any], Handle[Any]]]) -> None:
         """Raises InvalidArgumentException if a time-out is out of range."""
-        self._writes = any(request.writes for request, _ in recorded)
+        self.writes = any(request.writes for request, _ in recorded)
         self.wait_s = max(request.wait_s for request, _ in recorded)
         self._operations: list[tuple[str, wire.Message]] = []
         self._settlers: list[_Settle] = []  # for each operation a function that takes its reply
@@ -41,10 +41,6 @@ class BatchRequest(Request[None]):
                 lookup = columns.join([read.row for read, _ in reads])
                 lookup.timeout_ns = timeout_ns(wait_s)
                 self._add("lookup", wire.lookup_body(lookup), _settler_of_reads(reads))
-
-    @property
-    def writes(self) -> bool:
-        return self._writes
 
     def body(self) -> wire.Message:
         return wire.batch_body(self._operations)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,7 +79,7 @@ class Read(Request[T]):
     wait_s: float = 0.0
     failed: Callable[[TransformException], T] = _raise
     request_type: str = "lookup"
-    writes: ClassVar[bool] = False
+    writes: bool = False
 
     @property
     def group(self) -> str | None:
@@ -132,6 +132,7 @@ class Rows(Request[T]):
     convert: Callable[[wire.LookupReply], T]
     wait_s: float = 0.0
     request_type: str = "lookup"
+    writes: bool = False
 
     def body(self) -> wire.Message:
         return wire.lookup_body(self.rows)

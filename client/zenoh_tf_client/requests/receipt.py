@@ -30,7 +30,6 @@ def later(receipt: Receipt | None, reply: wire.Message) -> Receipt | None:
         seq = max((each for each in seqs if type(each) is int), default=None)
     if type(seq) is not int:
         return receipt
-    instance = wire.text(reply, "instance")
-    if receipt is not None and receipt.instance == instance and receipt.seq >= seq:
-        return receipt
-    return Receipt(instance, seq)
+    if receipt is None or receipt.instance != reply.get("instance"):
+        return Receipt(wire.text(reply, "instance"), seq)
+    return receipt if receipt.seq >= seq else Receipt(receipt.instance, seq)

@@ -30,20 +30,13 @@ class Request(ABC, Generic[T]):
 
     request_type: str  # one of zenoh_tf._net.keys.REQUEST_TYPES
     wait_s: float  # how long the server itself may wait
-
-    @property
-    def instance(self) -> str | None:
-        """The server instance that must answer a write; None for any."""
-        return None
+    writes: bool
+    instance: str | None = None  # the server instance that must answer a write; None for any
 
     @property
     def group(self) -> str | None:
         """Concurrent requests of one group may share a message. None: it travels alone."""
         return None
-
-    @property
-    def writes(self) -> bool:
-        return self.request_type in ("commit", "admin")
 
     @abstractmethod
     def body(self) -> wire.Message:
@@ -72,7 +65,7 @@ class Call(Request[T]):
     parser: Callable[[wire.Message], T]
     wait_s: float = 0.0
     instance: str | None = None
-    group: str | None = None
+    writes: bool = False
 
     def body(self) -> wire.Message:
         return self.message

@@ -3,25 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from zenoh_tf import StampedTransform, wire
+from zenoh_tf._core import TransformRows
 
 from . import columns
 from .request import Call, Request
 
 
+@dataclass(slots=True)
+class SetTransform(Request[bool]):
+    """A commit of one transform, which may be dropped as too old."""
+
+    message: wire.Message
+    request_type: str = "commit"
+    wait_s: float = 0.0
+    writes: bool = True
+
+    @property
+    def group(self) -> str:
+        # Access rules allow a message to write as one authority only.
+        return f"commit as {self.message.get('authority', '')}"
+
+    def body(self) -> wire.Message:
+        return self.message
+
+    def parse(self, reply: wire.Message) -> bool:
+        return wire.parse_commit_reply(reply, 1) != b"\0"
+
+
 def set_transform(
     stamped: StampedTransform, authority: str = "", static: bool = False
 ) -> Request[bool]:
-    commit = columns.commit([stamped], authority, static)
-    commit.drop_old = True
-    return Call(
-        "commit",
-        wire.commit_body(commit),
-        lambda reply: wire.parse_commit_reply(reply, 1) != b"\0",
-        # Access rules allow a message to write as one authority only.
-        group=f"commit as {authority}",
-    )
+    rows = TransformRows.of((stamped,))
+    return SetTransform(wire.commit_body(wire.Commit(rows, authority, static, drop_old=True)))
 
 
 def set_transforms_xact(
@@ -36,12 +52,12 @@ def commit(commit: wire.Commit, instance: str | None = None) -> Request[None]:
     def parse(reply: wire.Message) -> None:
         wire.parse_commit_reply(reply, len(commit.rows))
 
-    return Call("commit", wire.commit_body(commit), parse, instance=instance)
+    return Call("commit", wire.commit_body(commit), parse, instance=instance, writes=True)
 
 
 def _admin(what: str, **arguments: str | bool) -> Request[None]:
     body = wire.call_body(what, **arguments)
-    return Call("admin", body, lambda reply: wire.parse_value(reply, type(None)))
+    return Call("admin", body, lambda reply: wire.parse_value(reply, type(None)), writes=True)
 
 
 def clear(keep_static: bool = True) -> Request[None]:

@@ -36,7 +36,7 @@ from . import retries
 from .access import Access
 from .floor import Floor
 from .server_info import ServerInfo, parse_server_info
-from .steps import Ask, Pause, ReadQuery, Steps, decode
+from .steps import Ask, JudgedQuery, Pause, Steps, decode
 
 T = TypeVar("T")
 
@@ -112,11 +112,20 @@ class Exchange:
         if why is AskServer.LAPSED:
             self.report_server()
         if request.writes:
-            return self.run(self._write(request))
+            server = self.server
+            if server is None or time.monotonic() >= self.next_hello_s:
+                return self.run(self._write(request))
+            query = self._write_query(request, server)
+            reply = self.take(query)
+            served = self._served(reply)
+            if served is not None:
+                return request.parse(served)
+            return self.run(self._finish_write(request, query, reply, server))
+        # The common case is a query and its reply. Steps would add a half to its work.
         query = self._query(request)
         reply = self.take(query)
         found = self._plain(request, reply)
-        if found is not None:  # the common case: steps would add a half to its work
+        if found is not None:
             return found[0]
         return self.run(self._finish_read(request, query, reply))
 
@@ -209,7 +218,7 @@ class Exchange:
             return found[0]
         return (yield from self._finish_read(request, query, reply))
 
-    def _query(self, request: Request[Any]) -> ReadQuery:
+    def _query(self, request: Request[Any]) -> JudgedQuery:
         """The query of a read."""
         timeout_s = self.timeout_s + request.wait_s
         floor: Receipt | None = None
@@ -225,7 +234,7 @@ class Exchange:
         server = self.server
         if server is not None and len(payload) > server.message_bytes:
             server.check_size(payload)
-        return ReadQuery(key, payload, timeout_s, time.monotonic() + timeout_s, floor)
+        return JudgedQuery(key, payload, timeout_s, time.monotonic() + timeout_s, floor)
 
     def _plain(self, request: Request[T], reply: bytes | NoReply | None) -> tuple[T] | None:
         """The result of a read in the common case. None: the reply has to be decoded, or is not
@@ -239,7 +248,7 @@ class Exchange:
         return found
 
     def _finish_read(
-        self, request: Request[T], query: ReadQuery, reply: bytes | NoReply | None
+        self, request: Request[T], query: JudgedQuery, reply: bytes | NoReply | None
     ) -> Steps[T]:
         """Continue after the reply to the query of a read, if it is not plain."""
         assert reply is not None
@@ -277,25 +286,23 @@ class Exchange:
         with contextlib.suppress(TransformException):
             yield from self.greet(_HELLO_TIMEOUT_S)
 
-    def _write(self, request: Request[T]) -> Steps[T]:
+    def _write(self, request: Request[T], *, again: bool = True) -> Steps[T]:
         """If the request names an instance, only that server instance may apply the write; another
         one answers ServerRestarted."""
-        try:
-            reply = yield from self._write_once(request)
-        except ServerRestarted:
-            # The new server rejected it, so it was not applied and may be sent again.
-            self.server = None
-            if request.instance is not None:
-                raise
-            reply = yield from self._write_once(request)
-        return request.parse(reply)
-
-    def _write_once(self, request: Request[Any]) -> Steps[wire.Message]:
         server = self.server
         if server is None or time.monotonic() >= self.next_hello_s:
             server = yield from retries.greet(self)  # for an expiry by the clocks as they are now
+        query = self._write_query(request, server)
+        reply = yield query
+        served = self._served(reply)
+        if served is not None:
+            return request.parse(served)
+        return (yield from self._finish_write(request, query, reply, server, again=again))
+
+    def _write_query(self, request: Request[Any], server: ServerInfo) -> JudgedQuery:
+        """The query of a write."""
         body = request.body()
-        key = self._key(request.request_type, body)
+        key = self._key(request.request_type, body) if self.access else None
         now_ns = time.monotonic_ns()
         write = wire.write_fields(
             self._id_prefix + next(self._id_count).to_bytes(8, "big"),
@@ -304,24 +311,58 @@ class Exchange:
         )
         if self.moves:
             write = self.floor.add(write)
-        floor = self.floor.value
-        payload = server.check_size(wire.pack(body | write))
-        reply = decode((yield Ask(key, payload, self.timeout_s)))
-        if not self.is_served(reply):
-            # A refused write did not run, so it may be sent again; its expiry stays the same.
-            deadline_s = now_ns * 1e-9 + self.timeout_s
-            reply = yield from retries.while_busy(
-                self, reply, key, payload, deadline_s, writes=True
-            )
-            if isinstance(reply, NoReply):
-                if reply.at_once:
-                    yield from self._check_denied(request, server.instance)
-                raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
-        self.floor.record(reply, floor)
+        payload = wire.pack(body | write)
+        if len(payload) > server.message_bytes:
+            server.check_size(payload)
+        return JudgedQuery(
+            key or self.keys[request.request_type],
+            payload,
+            self.timeout_s,
+            now_ns * 1e-9 + self.timeout_s,
+            self.floor.value,
+        )
+
+    def _served(self, reply: bytes | NoReply | None) -> wire.Message | None:
+        """The reply to a write in the common case. None: it is an error, or not from the server
+        that is known."""
+        if type(reply) is not bytes or self.moves:
+            return None
+        message = wire.unpack(reply, wire.MAX_REPLY_BYTES)
+        if not self.is_served(message):
+            return None
+        self.last_receipt = later(self.last_receipt, message)
+        return message
+
+    def _finish_write(
+        self,
+        request: Request[T],
+        query: JudgedQuery,
+        outcome: bytes | NoReply | None,
+        server: ServerInfo,
+        *,
+        again: bool = True,
+    ) -> Steps[T]:
+        """Continue after the reply to the query of a write. A server that refuses it as meant for
+        another one has not applied it, so it is sent to that one, unless it names an instance."""
+        assert outcome is not None
+        # A refused write did not run, so it may be sent again; its expiry stays the same.
+        reply = yield from retries.while_busy(
+            self, decode(outcome), query.key, query.payload, query.deadline_s, writes=True
+        )
+        if isinstance(reply, NoReply):
+            if reply.at_once:
+                yield from self._check_denied(request, server.instance)
+            raise OutcomeUnknown(f"{reply.reason}: the write may or may not have been applied")
+        self.floor.record(reply, query.floor)
         self.last_receipt = later(self.last_receipt, reply)
-        if "error" in reply:
+        try:
             wire.raise_error(reply)
-        return reply
+        except ServerRestarted:
+            self.server = None
+            if request.instance is not None or not again:
+                raise
+            return (yield from self._write(request, again=False))
+        return request.parse(reply)
 
     def _key(self, request_type: str, body: wire.Message) -> zenoh.KeyExpr:
         """The key of a request. Raises AccessDenied if the server's rules do not allow it."""

@@ -26,8 +26,8 @@ class Ask:
 
 
 @dataclass(slots=True)
-class ReadQuery(Ask):
-    """The query of a read to the server, with what its reply is judged by."""
+class JudgedQuery(Ask):
+    """A query to the server, with what its reply is judged by."""
 
     deadline_s: float
     floor: Receipt | None = None  # of the client, if the query names it

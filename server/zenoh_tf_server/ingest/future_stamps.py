@@ -55,6 +55,11 @@ class FutureStamps:
         """True if transforms beyond the limit are stored, counted and reported."""
         return self.max_future_s > 0 and self.policy == "flag"
 
+    @property
+    def refused_ahead_ns(self) -> int | None:
+        """How far ahead of this machine's clock a stamp may be; None: any is stored."""
+        return round(self.max_future_s * 1e9) if self.refuses else None
+
     def limit_ns(self, now_ns: int | None = None) -> int:
         """The latest stamp within the limit. Requires that there is one."""
         return (time.time_ns() if now_ns is None else now_ns) + round(self.max_future_s * 1e9)

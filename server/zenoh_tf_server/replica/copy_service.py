@@ -14,7 +14,6 @@ from zenoh_tf.errors import ReadOnlyReplica
 from ..process import network
 from ..requests.handler import ReplyCallback
 from ..requests.service import Service
-from ..state.static_links import apply
 from ..streams.interests import Interests
 from ..streams.snapshots import Snapshots
 from .relay import Relay
@@ -74,7 +73,7 @@ class CopyService(Service):
         commit = wire.parse_commit(message)
         if len(commit.rows):
             self._refuse()
-        reply_to(self._pack(wire.commit_reply(apply(self.tree, commit))), False)
+        reply_to(self._pack({"stored": commit.apply(self.tree)}), False)
 
     def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         if any(request_type == "commit" for request_type, _ in wire.parse_batch(message)):

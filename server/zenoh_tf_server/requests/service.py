@@ -26,9 +26,9 @@ from ..ingest.clock_offsets import ClockOffsets
 from ..ingest.future_stamps import FutureStamps
 from ..ingest.put_commits import Outcome, PutCounters
 from ..ingest.refusals import Refusals
-from ..limits import Limits
+from ..limits import NAMES_PER_ROW, Limits
 from ..state.file import Stored
-from ..state.static_links import NO_STATE_WRITE, StaticLinks, apply
+from ..state.static_links import NO_STATE_WRITE, StaticLinks
 from .admin import AdminRequests
 from .batches import Batch
 from .guard import RequestGuard
@@ -68,6 +68,7 @@ class Service(Handler):
         counters = _counters_of(self)
         self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, counters)
         self._future = future or FutureStamps()
+        self._refused_ahead_ns = self._future.refused_ahead_ns
         self._writes = Writes(instance, limits)
         #: Number of the tree's last commit, for the replies to writes.
         self.last_seq: Callable[[], int] | None = None
@@ -110,7 +111,10 @@ class Service(Handler):
                 return
         counts = self.requests.begin(begun_ns)
         try:
-            message = self.limits.unpack(payload, request_type == "batch")
+            limits = self.limits
+            message = wire.unpack(
+                payload, limits.message_bytes, limits.decoded_bytes, request_type == "batch"
+            )
             if request_type in self.guard.checked:
                 self.guard.check(request_type, chunk, message)
             if wire.FLOOR in message:
@@ -202,20 +206,31 @@ class Service(Handler):
     def _commit(self, message: wire.Message, reply_to: ReplyCallback) -> None:
         def run(expires_ns: int) -> tuple[bytes, bytes]:
             commit = wire.parse_commit(message)
-            self.limits.check("rows", len(commit.rows))
+            if (rows := len(commit.rows)) > self.limits.rows:
+                raise self.limits.exceeded("rows", rows)
             stored, state_write = self.run_commit(commit, expires_ns)
-            self.links.wait(state_write)
+            if state_write != NO_STATE_WRITE:
+                self.links.wait(state_write)
             reply = self._pack(stored)
             return reply, reply
 
         self._writes.run(message, reply_to, self.error, "a transaction", run)
 
     def run_commit(self, commit: wire.Commit, expires_ns: int | None) -> tuple[wire.Message, int]:
-        """Run a commit: the fields of its reply, and the number of its state write."""
-        self._future.check(commit)
+        """Run a call's transaction: the fields of its reply, and the number of its state write."""
+        ahead_ns = self._refused_ahead_ns
+        if ahead_ns is not None and commit.rows.newest_stamp > time.time_ns() + ahead_ns:
+            self._future.check(commit)
         commit.expires_ns = expires_ns
-        stored, state_write = self._store(commit)
-        return self._add_seq(wire.commit_reply(stored)), state_write
+        if max(commit.rows.name_count, len(commit.read_names)) > NAMES_PER_ROW * self.limits.rows:
+            self.limits.check_names(commit.rows.name_count)
+            self.limits.check_names(len(commit.read_names))
+        if commit.static:
+            stored, state_write = self.links.commit(commit, by_call=True)
+        else:
+            stored = commit.apply(self.tree)
+            state_write = self._committed(commit, stored)
+        return self._add_seq({"stored": stored}), state_write
 
     def _add_seq(self, reply: wire.Message) -> wire.Message:
         """Add a number that is not below that of the write, or of what it was in conflict with."""
@@ -261,17 +276,6 @@ class Service(Handler):
                 self._committed(put, found or b"\1" * len(put.rows))
             outcomes.append(self._outcome(put, found) if isinstance(found, bytes) else found)
         return outcomes
-
-    def _store(self, commit: wire.Commit) -> tuple[bytes, int]:
-        """Commit a call's transaction to the tree: what is stored, and the number of its
-        state write."""
-        self.limits.check_names(commit.rows.name_count)
-        if commit.read_names:
-            self.limits.check_names(len(commit.read_names))
-        if commit.static:
-            return self.links.commit(commit, by_call=True)
-        stored = apply(self.tree, commit)
-        return stored, self._committed(commit, stored)
 
     def _committed(self, commit: wire.Commit, stored: bytes) -> int:
         """Follow a dynamic commit that the tree has applied. Returns the number of its state

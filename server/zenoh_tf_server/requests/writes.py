@@ -41,6 +41,7 @@ _RETRY_AFTER_S: Final = 0.1
 _NS: Final = 1_000_000_000
 #: Most time until a write's expiry.
 _MAX_EXPIRY_S: Final = 600
+_MAX_EXPIRY_NS: Final = _MAX_EXPIRY_S * _NS
 #: Outcomes are forgotten in the period after the one of their expiry.
 _PERIOD_NS: Final = _NS // 8
 #: A write forgets up to this many expired outcomes: more than it adds, and no long work for one.
@@ -123,7 +124,9 @@ class Writes:
             entry = self._entries.get(write.id)
             if entry is None:
                 now_ns = time.monotonic_ns()
-                expires_ns = self._expiry(write.expires_ns, now_ns)
+                expires_ns = write.expires_ns or 0
+                if not now_ns <= expires_ns <= now_ns + _MAX_EXPIRY_NS:
+                    expires_ns = self._expiry(write.expires_ns, now_ns)
                 size = _OVERHEAD_BYTES + reserve
                 self._take_share(reply_to.client, size, now_ns)
                 self._entries[write.id] = _Entry(reply_to.client, what, expires_ns, size)
@@ -202,7 +205,7 @@ class Writes:
                 field="expires_ns",
                 value=expires_ns,
             )
-        if expires_ns > now_ns + _MAX_EXPIRY_S * _NS:
+        if expires_ns > now_ns + _MAX_EXPIRY_NS:
             ahead_s = (expires_ns - now_ns) // _NS
             raise LimitExceeded(
                 f"{ahead_s} seconds until the write's expiry: the limit is {_MAX_EXPIRY_S}",
@@ -214,7 +217,8 @@ class Writes:
 
     def _take_share(self, client: str, size: int, now_ns: int) -> None:
         """Count one more outcome of a client. Requires the lock."""
-        self._forget_expired(now_ns, _FORGET_AT_ONCE)
+        if self._periods and self._periods[0] * _PERIOD_NS < now_ns:
+            self._forget_expired(now_ns, _FORGET_AT_ONCE)
         if self._count.try_take(client, 1):
             if self._bytes.try_take(client, size):
                 return

@@ -14,7 +14,7 @@ from zenoh_tf.errors import TransformException
 from ..flag_table import flag
 from ..limits import Limits
 from .file import StateError, StateFile, Stored, StoredLink, Sync
-from .static_links import StaticLinks, apply
+from .static_links import StaticLinks
 from .writer import StateWriter
 
 _GROUP: Final = "state (docs/explanation/state.md)"
@@ -84,7 +84,7 @@ def _restore(tree: TransformTree, stored: Stored, path: Path) -> None:
     try:
         for authority, links in by_authority.items():
             rows = ((x.parent, child, x.stamp_ns, x.pose) for child, x in links.items())
-            apply(tree, wire.Commit(TransformRows.of_tuples(rows), authority, static=True))
+            wire.Commit(TransformRows.of_tuples(rows), authority, static=True).apply(tree)
     except TransformException as error:
         raise StateError(f"the static links of {path} do not fit into the tree: {error}") from error
     log.info("restored %d static links: %s", len(stored.static_links), path)

@@ -38,20 +38,6 @@ _ANNOUNCE_ATTEMPTS: Final = 5
 NO_STATE_WRITE: Final = 0
 
 
-def apply(tree: TransformTree, commit: wire.Commit) -> bytes:
-    """Commit a transaction to the tree. Returns what became of each row (zenoh_tf.admission)."""
-    return tree._commit_rows(
-        commit.rows,
-        authority=commit.authority,
-        static=commit.static,
-        drop_old=commit.drop_old,
-        drop_bad=commit.drop_bad,
-        read_names=commit.read_names,
-        read_versions=commit.read_versions,
-        expires_ns=commit.expires_ns,
-    )
-
-
 class StaticLinks:
     """Commits and removes static links. What needs storing has a number for `wait`."""
 
@@ -205,7 +191,7 @@ class StaticLinks:
         new = links.keys() - self._names
         self._names |= new
         try:
-            stored = apply(self._tree, commit)
+            stored = commit.apply(self._tree)
         except BaseException:
             self._names -= new
             raise

@@ -11,9 +11,12 @@ Thread safety: all methods.
 
 from __future__ import annotations
 
+import functools
 import logging
 import threading
 import time
+from collections.abc import Callable
+from operator import attrgetter
 from typing import Final
 
 import zenoh
@@ -40,6 +43,9 @@ class Stream:
     def __init__(self, tree: TransformTree, instance: str, limits: Limits) -> None:
         self._instance = instance
         self._log = ChangeLog(tree)
+        #: The number of the tree's last commit, which may be in progress. In C, as each reply to a
+        #: write has it.
+        self.last_seq: Callable[[], int] = functools.partial(attrgetter("last"), self._log)
         self._publisher = StreamPublisher(instance, limits.stream_bytes, self.real_ahead_ns)
         self._changed = threading.Event()  # the listeners, or `_closing`
         self._active = threading.Event()  # the log is read
@@ -75,10 +81,6 @@ class Stream:
         """As `CommitStream.read`."""
         clock_ns = time.monotonic_ns()  # in this order
         return reader.read(with_all, max_frames), clock_ns
-
-    def last_seq(self) -> int:
-        """The number of the tree's last commit, which may be in progress."""
-        return self._log.last
 
     def missed(self, first: int) -> wire.Message:
         """The fields of the reply to `missed`: the messages from the number `first` on."""

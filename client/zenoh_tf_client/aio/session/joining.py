@@ -26,6 +26,7 @@ class Joined(Request[list[Result]]):
     """One message for several operations. Its result has one for each, in order."""
 
     wait_s = 0.0
+    writes = False
 
     @abstractmethod
     def is_refused(self, error: Exception) -> bool:
@@ -57,13 +58,10 @@ class JoinedWrites(Joined):
     """Commits of one authority, as a batch."""
 
     request_type = "batch"
+    writes = True
 
     def __init__(self, commits: Sequence[Request[Any]]) -> None:
         self._commits = commits
-
-    @property
-    def writes(self) -> bool:
-        return True
 
     def body(self) -> wire.Message:
         return wire.batch_body([(commit.request_type, commit.body()) for commit in self._commits])

@@ -50,11 +50,8 @@ class Wait(Request[T]):
         self._request = request
         self.request_type = request.request_type
         self.wait_s = request.wait_s
+        self.writes = request.writes
         self.wait_id = wait_id
-
-    @property
-    def writes(self) -> bool:
-        return self._request.writes
 
     def body(self) -> wire.Message:
         return self._request.body() | {"wait_id": self.wait_id}
