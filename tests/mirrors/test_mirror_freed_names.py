@@ -4,114 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from itertools import pairwise
 
 import pytest
 
 from tests.conftest import StartServer
 from tests.support.logged_trees import Mirror, make_tree, state
 from tests.support.small_robot import link
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import wire
 from zenoh_tf._core import ChangeLog
-from zenoh_tf.wire.stream import ORPHANED
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
 SECOND = 1_000_000_000
-
-
-class HalfRead:
-    """A tree of 16 frames whose ids are nearly used up, and a mirror that has read one frame of it:
-    "F", which has samples of several parents."""
-
-    def __init__(self, *parents: str, visitors: int) -> None:
-        self.tree = TransformTree(1.0, max_frames=16, max_log_bytes=1 << 20)
-        self.log = ChangeLog(self.tree)
-        self.position = self.log.start()
-        for stamp, parent in enumerate(parents):
-            self.set(parent, "F", 10 + stamp)
-        self.set("F", "Z", 10)
-        for i in range(visitors):
-            self.set("Z", f"visitor{i}", 10)
-            self.tree.remove_frame(f"visitor{i}")
-
-    def set(self, parent: str, child: str, stamp_ns: int = 10) -> None:
-        self.tree.set_transform(link(parent, child, stamp_ns))
-
-    def begin(self) -> None:
-        self.mirror = Mirror()
-        self.seq, ever_reparented, bounds = self.log.plan_snapshot(1)
-        assert ever_reparented
-        self.mirror.replay.set_ever_reparented()
-        self.pieces = list(pairwise(int(bound) for bound in bounds))
-        assert self._load(*self.pieces.pop(0)) == "F"
-
-    def load_the_rest(self) -> None:
-        for after, last in self.pieces:
-            self._load(after, last)
-
-    def _load(self, after: int, last: int) -> str:
-        _, frames = self.log.read_snapshot(after, last, 1 << 20)
-        self.mirror.replay.load(frames)
-        return frames.names[0] if frames.names else ""
-
-    def check(self) -> None:
-        position = 0
-        orphaned = 0
-        while position < self.log.last:
-            _, position, lost, changes = self.log.take(1)
-            assert not lost
-            if position > self.seq and changes is not None:
-                orphaned += int((changes.kind == ORPHANED).sum())
-                self.mirror.replay.apply(position, changes)
-        assert orphaned > 0
-        assert state(self.mirror.tree) == state(self.tree)
-        assert sorted(self.mirror.tree.frames()) == sorted(self.tree.frames())
-
-
-def test_a_lost_parent_that_is_back_when_the_rest_is_read() -> None:
-    tree = HalfRead("P", "R", visitors=13)
-    tree.begin()
-    tree.tree.remove_frame("P")
-    tree.set("R", "X")  # needs an id: all removed names lose theirs, and "F" a parent
-    tree.set("R", "P")
-    tree.load_the_rest()
-    tree.check()
-
-
-def test_a_parent_that_is_removed_in_the_mirror_but_kept_its_id() -> None:
-    tree = HalfRead("P", "Y", "R", visitors=12)
-    tree.begin()
-    tree.tree.remove_frame("P")
-    tree.set("R", "X")  # "F" loses P, and keeps Y
-    tree.tree.remove_frame("Y")
-    tree.load_the_rest()
-    tree.set("R", "Y")  # comes back with its id
-    tree.check()
-
-
-def test_a_parent_that_was_removed_before_the_snapshot() -> None:
-    tree = HalfRead("P", "R", visitors=13)
-    tree.tree.remove_frame("P")
-    tree.begin()
-    tree.set("R", "X")
-    tree.set("R", "P")
-    tree.load_the_rest()
-    tree.check()
-
-
-def test_several_frames_lose_several_parents_at_once() -> None:
-    tree = HalfRead("P", "Y", "R", visitors=9)
-    tree.set("P", "G", 10)
-    tree.set("R", "G", 11)
-    tree.begin()
-    for name in ("P", "Y"):
-        tree.tree.remove_frame(name)
-    for name in ("A", "B", "C"):
-        tree.set("R", name)
-    tree.set("R", "P")
-    tree.load_the_rest()
-    tree.check()
 
 
 @pytest.mark.parametrize("frees", [False, True])

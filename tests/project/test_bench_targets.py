@@ -73,31 +73,3 @@ def test_beside_tf2(check: Callable[..., dict[str, bool]]) -> None:
     slow = cell("tf2", 1, 1, **{P50: [0.3] * 3, P999: [1e3] * 3})
     assert check(ours, slow)["read p99.9 to tf2's p50 <= 1"]
     assert check(ours) == {}  # without tf2 nothing can be said
-
-
-def test_more_threads(check: Callable[..., dict[str, bool]]) -> None:
-    few, many = cell("optimistic", 1, 1), cell("optimistic", 4, 4, **{READS: [0.7, 0.7, 0.9]})
-    reached = check(few, many)
-    assert not reached["reads to 2 threads' >= 0.8"]
-    assert reached["link writes to 2 threads' >= 0.8"]
-    one, two = cell("optimistic", 1, 0), cell("optimistic", 2, 0, **{READS: [1.95] * 3})
-    assert check(one, two) == {"reads to 1 thread's >= 1.9": True}
-
-
-def test_beside_2pl(check: Callable[..., dict[str, bool]]) -> None:
-    reached = check(cell("optimistic", 2, 0), cell("2pl", 2, 0, **{READS: [1.1] * 3}))
-    assert reached == {"reads to 2pl's >= 1": False}
-
-
-def test_sixteen_cores(check: Callable[..., dict[str, bool]]) -> None:
-    ours = cell("optimistic", 16, 0, **{READS: [13.9] * 3, "operations_per_s": [143.0] * 3})
-    cells = (cell("optimistic", 1, 0), ours, cell("tf2", 16, 0))
-    wanted = {"reads to 1 thread's >= 14": False, "operations to tf2's >= 143": True}
-    assert check(*cells, cores=16) == wanted
-    assert check(*cells, cores=8) == {}
-
-
-def test_thread_counts() -> None:
-    small, large = native.mixes([1, 2, 8]), native.mixes([1, 2, 4, 8, 16])
-    assert small == [(1, 0), (2, 0), (8, 0), (1, 1), (4, 4), (7, 1)]
-    assert {(16, 0), (15, 1), (8, 8), (2, 2), (1, 0)} <= {*large}

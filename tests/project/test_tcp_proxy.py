@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import socket
 import socketserver
 import threading
@@ -61,37 +60,3 @@ def test_what_is_slow_arrives_late(slow: Callable[[TcpProxy], None]) -> None:
         got = 0
         while got < 4000:
             got += len(connection.recv(4000))
-
-
-def test_a_cut_ends_the_connection() -> None:
-    with _connected() as (proxy, connection):
-        proxy.cut()
-        assert connection.recv(1) == b""
-
-
-def test_a_reset_is_an_error() -> None:
-    with _connected() as (proxy, connection):
-        proxy.reset()
-        with pytest.raises(ConnectionResetError):
-            connection.recv(1)
-
-
-def test_a_connection_to_nothing_ends() -> None:
-    with (
-        TcpProxy("tcp/127.0.0.1:9") as proxy,
-        socket.create_connection(_address(proxy), timeout=10) as connection,
-        contextlib.suppress(ConnectionResetError),
-    ):
-        assert connection.recv(1) == b""
-
-
-@pytest.mark.slow
-def test_a_proxy_closes_while_connections_begin() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as target:
-        for _ in range(20):
-            with contextlib.ExitStack() as opened:
-                with TcpProxy(f"tcp/127.0.0.1:{target.getsockname()[1]}") as proxy:
-                    for _ in range(5):
-                        connection = socket.create_connection(_address(proxy), timeout=10)
-                        opened.enter_context(connection)
-                gc.collect()  # what is left open is reported here

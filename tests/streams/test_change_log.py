@@ -138,6 +138,27 @@ def test_ids_that_pass_to_new_names() -> None:
     assert orphans > 0
 
 
+@pytest.mark.parametrize("late_rows", [1, 3])
+def test_rows_dropped_beside_the_first_reparenting_leave_one_version(late_rows: int) -> None:
+    """The first reparenting gives every frame a new version: also one whose rows are all too old,
+    in whose transactions a mirror would conflict otherwise."""
+    tree, log = logged()
+    position = log.start()
+
+    def commit(*links: tuple[str, str, int]) -> None:
+        rows = TransformRows.of([StampedTransform(*link, Transform()) for link in links])
+        tree._commit_rows(rows, drop_old=True)
+
+    commit(("map", "f", 1000), ("map", "f", 1100), ("map", "g", 1000), ("map", "g", 1100))
+    commit(("world", "odom", 1100), ("world", "map", 1100))
+    mirror = Mirror()
+    position = drain(log, mirror.replay, position)
+    commit(("odom", "g", 1101), *[("map", "f", stamp) for stamp in range(late_rows)])
+    drain(log, mirror.replay, position)
+    assert tree.frame("f").samples == 2
+    assert state(mirror.tree) == state(tree)
+
+
 def test_a_consumer_that_is_too_slow_learns_it() -> None:
     tree = make_tree(max_log_bytes=1 << 12)
     log = ChangeLog(tree)

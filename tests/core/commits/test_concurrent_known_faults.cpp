@@ -83,7 +83,7 @@ TEST_EACH_MODE(a_lookup_that_retries_keeps_nothing) {
   });
   for (const Op op : {Op::latest_xact, Op::latest_common})
     threads.foreground([&, op] {
-      for (int i = 0; i < 3000; ++i) {
+      for (int i = 0; i < 1500; ++i) {
         const Answer a = w.ask(op, "f0", link(kLinks));
         CHECK_EQ(a.failure.code, Code::ok);
         CHECK(a.pose.x == kLinks || a.pose.x == kLinks - 6);
@@ -107,7 +107,7 @@ TEST_EACH_MODE(no_error_is_made_of_two_states) {
   });
   for (const Op op : {Op::latest_xact, Op::latest_common, Op::latest})
     threads.foreground([&, op] {
-      for (int i = 0; i < 3000; ++i) CHECK_EQ(w.code(op, "a", "b"), Code::ok);
+      for (int i = 0; i < 1500; ++i) CHECK_EQ(w.code(op, "a", "b"), Code::ok);
     });
   threads.join();
 }
@@ -115,7 +115,7 @@ TEST_EACH_MODE(no_error_is_made_of_two_states) {
 // A thread that waits for long sleeps, so many more threads than processors all make progress.
 TEST_EACH_MODE(far_more_threads_than_processors_make_progress) {
   World w(c);
-  constexpr int kLinks = 16, kEach = 300;
+  constexpr int kLinks = 16, kEach = 100;
   w.accept(chain(kLinks, 0, 0));
   std::atomic<Stamp> stamp{1};
   ThreadGroup threads;

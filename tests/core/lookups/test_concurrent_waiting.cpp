@@ -104,7 +104,7 @@ TEST_EACH_MODE(waiters_come_and_go_while_others_write) {
   });
   threads.foreground(2, [&](int waiter) {
     const std::string target = nth("f", waiter), source = "f3";
-    for (int i = 0; i < 2'000; ++i) {
+    for (int i = 0; i < 1'000; ++i) {
       const Stamp stamp = now + 3;
       BlockingWaiter sleeper(w.tree.state(), {Op::at, 0, 0, stamp}, target, source);
       if (i % 2) {

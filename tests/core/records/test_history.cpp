@@ -142,57 +142,6 @@ struct Model {
 
 }  // namespace
 
-// An order of insertion that keeps the same samples leads to the same history: here in order of
-// time, where each insert appends, and in pairs that are swapped, where every other one is late.
-TEST(late_samples_leave_the_history_that_samples_in_order_leave) {
-  for (const std::uint32_t max_samples : {4u, 7u, 64u}) {
-    std::minstd_rand random(max_samples);
-    History in_order(1 << 20, max_samples), swapped(1 << 20, max_samples);
-    Stamp stamp = 0;
-    for (int i = 0; i < 1000; ++i) {
-      const Stamp older = stamp + static_cast<Stamp>(random() % 20) + 1;
-      stamp = older + static_cast<Stamp>(random() % 20) + 1;
-      const FrameId parent = random() % 20 == 0 ? 2 : 1;
-      in_order.put(older, parent, i);
-      in_order.put(stamp, 1, i + 0.5);
-      swapped.put(stamp, 1, i + 0.5);
-      swapped.put(older, parent, i);
-      CHECK(in_order.newest_first() == swapped.newest_first());
-      const Frame &a = *in_order.frame, &b = *swapped.frame;
-      CHECK_EQ(a.count.load(), b.count.load());
-      CHECK_EQ(a.evicted.load(), b.evicted.load());
-      CHECK_EQ(a.oldest_stamp.load(), b.oldest_stamp.load());
-      CHECK_EQ(a.samples_per_ns.load(), b.samples_per_ns.load());
-      CHECK_EQ(a.parent_changes.load(), b.parent_changes.load());
-      CHECK_EQ(a.parent.load(), b.parent.load());
-      for (Stamp back = 0; back < 60; back += 7) {
-        const LinkLookup link = in_order.at(stamp - back);
-        CHECK_EQ(link.status, swapped.at(stamp - back).status);
-        if (link.status == Status::ok) CHECK_EQ(in_order.x(stamp - back), swapped.x(stamp - back));
-      }
-    }
-  }
-}
-
-TEST(static_and_dynamic_replace_each_other) {
-  History h(1000);
-  h.put(10, 1, 10);
-  h.put(11, 1, 11);
-  h.fix(5, 2, 9);
-  for (const Stamp t : {-5, 5, 10, 11, 1000}) {
-    CHECK_EQ(h.x(t), 9);
-    CHECK_EQ(h.at(t).parent, 2u);
-  }
-  h.put(3, 1, 3);  // older than all before: they are forgotten
-  CHECK_EQ(h.frame->count.load(), 1u);
-  CHECK_EQ(h.at(10).status, Status::no_data);
-  h.put(12, 1, 12);
-  CHECK_EQ(h.x(6), 6);
-  clear_history(*h.frame);
-  CHECK_EQ(h.at(12).status, Status::root);
-  CHECK_EQ(h.at(6).status, Status::root);
-}
-
 TEST(the_ends_of_time_are_times) {
   const Stamp first = kNoStamp + 1, last = std::numeric_limits<Stamp>::max();
   for (const auto& [from, to] : {std::pair{first, Stamp{0}}, std::pair{Stamp{0}, last}}) {
@@ -325,28 +274,6 @@ TEST(a_ring_that_was_given_back_is_used_again) {
   CHECK_EQ(memory.bytes(), bytes);
   CHECK(&Ring::make(16, memory).sample(0) != &c.sample(0));
   CHECK(memory.bytes() > bytes);
-}
-
-// Long histories: places are searched for, and what the cache time prunes is dropped at once.
-TEST(a_long_history_is_that_of_a_sorted_map) {
-  std::mt19937_64 generator(11);
-  History h(20'000, 1u << 14, 0xFFFFFFF0u);
-  Model model{h.limits};
-  const auto put = [&](Stamp stamp, FrameId parent) {
-    CHECK(h.put(stamp, parent, static_cast<double>(stamp % 97)) ==
-          model.put(stamp, parent, static_cast<double>(stamp % 97)));
-  };
-  for (Stamp stamp = 0; stamp < 20'000; stamp += 5) put(stamp, 1);
-  for (int i = 0; i < 200; ++i) put(static_cast<Stamp>(generator() % 20'000), 1);
-  model.check_samples(h);
-  put(35'000, 1);  // prunes some thousand samples
-  model.check_samples(h);
-  put(36'000, 2);
-  put(54'001, 2);  // the same with samples of two parents
-  model.check_samples(h);
-  put(90'000, 2);  // and all
-  model.check_samples(h);
-  CHECK_EQ(h.frame->count.load(), 1u);
 }
 
 TEST(one_late_sample_is_merged_where_it_would_move_many) {
