@@ -58,8 +58,9 @@ def is_at(tf: TransformClient, parent: str, child: str, x: float) -> bool:
 # --- RobotecAI/o3de-ros2-gem#278, o3de/o3de-extras#140
 
 
-@pytest.mark.parametrize("stamp_ns", [0, 1_700_000_000_000_000_000], ids=["no stamp", "stamps"])
-@pytest.mark.parametrize("humble", [False, True], ids=["newer", "humble"])
+@pytest.mark.parametrize(
+    ("humble", "stamp_ns"), [(False, 1_700_000_000_000_000_000), (True, 0)], ids=["newer", "humble"]
+)
 def test_statics_of_the_scene_before_go(
     server: ServerProcess, tf: TransformClient, start_peer: StartPeer, humble: bool, stamp_ns: int
 ) -> None:
@@ -175,8 +176,7 @@ def test_a_correction_by_a_call_is_no_stray(
 # --- two writers of one static link, before and after a restart
 
 
-@pytest.mark.parametrize("order", [(1.0, 2.0), (2.0, 1.0)], ids=["rising", "falling"])
-@pytest.mark.parametrize("sessions", [1, 2])
+@pytest.mark.parametrize(("sessions", "order"), [(1, (1.0, 2.0)), (2, (2.0, 1.0))])
 def test_two_writers_of_a_static_are_resolved_alike_after_a_restart(
     start_server: StartServer, start_peer: StartPeer, sessions: int, order: tuple[float, float]
 ) -> None:

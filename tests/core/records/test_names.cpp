@@ -36,22 +36,6 @@ TEST(every_byte_of_a_name_and_its_length_count) {
   }
 }
 
-TEST(a_name_is_found_only_if_every_byte_is_the_same) {
-  for (std::size_t length = 1; length <= 40; ++length) {
-    OwnedNames table(4);
-    const std::string name(length, 'a');
-    CHECK_EQ(table.insert(name), 1u);
-    std::string other = name;
-    CHECK_EQ(table.find(other), 1u);
-    CHECK_EQ(table.find(other + 'a'), 0u);
-    for (std::size_t at = 0; at < length; ++at) {
-      other[at] = at % 2 ? '\0' : 'b';
-      CHECK_EQ(table.find(other), 0u);
-      other[at] = 'a';
-    }
-  }
-}
-
 TEST(names_spread_over_the_slots_of_a_table) {
   const std::vector<std::string> names = frames_of_a_fleet();
   const NameHash hash;
@@ -68,34 +52,6 @@ TEST(names_spread_over_the_slots_of_a_table) {
 }
 
 TEST(each_table_hashes_with_a_seed_of_its_own) { CHECK(NameHash()("map") != NameHash()("map")); }
-
-TEST(names_are_found_however_the_table_grows) {
-  const std::vector<std::string> names = frames_of_a_fleet();
-  OwnedNames table(static_cast<std::uint32_t>(names.size()));
-  for (const std::string& name : names) CHECK_EQ(table.find(name), 0u);
-  for (std::uint32_t i = 0; i < names.size(); ++i) CHECK_EQ(table.insert(names[i]), i + 1);
-  for (std::uint32_t i = 0; i < names.size(); ++i) CHECK_EQ(table.find(names[i]), i + 1);
-  CHECK_EQ(table.find("robot_1/arm/link_"), 0u);
-  table.remove(7);
-  CHECK_EQ(table.find(names[6]), 0u);
-  CHECK_EQ(table.find_any(names[6]), 7u);
-  table.restore(7);
-  CHECK_EQ(table.find(names[6]), 7u);
-}
-
-TEST(names_of_every_length_are_kept) {
-  OwnedNames table(100);
-  std::vector<std::string> names;
-  for (std::size_t length = 1; length <= 60; ++length) names.push_back(std::string(length, 'a'));
-  for (const std::string& name : names) {
-    const NameTable::Id id = table.insert(name);
-    CHECK(table.name(id) == name);
-  }
-  for (std::uint32_t i = 0; i < names.size(); ++i) {
-    CHECK_EQ(table.find(names[i]), i + 1);
-    CHECK(table.name(i + 1) == names[i]);
-  }
-}
 
 TEST(several_names_are_found_as_each_by_itself) {
   const std::vector<std::string> names = frames_of_a_fleet();

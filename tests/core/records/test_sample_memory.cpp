@@ -49,41 +49,6 @@ TEST_EACH_MODE(a_commit_that_needs_too_much_memory_writes_nothing) {
   CHECK_EQ(w.code(Op::at, "root", "a", 500), Code::ok);
 }
 
-TEST(memory_reaches_a_plateau) {
-  World w(Options{.cache_ns = 1'000'000});
-  std::uint64_t plateau = 0;
-  for (int round = 0; round < 200; ++round) {
-    const std::string name = nth("frame", round % 50);
-    const Stamp begin = 1 + round * 10'000;
-    for (int i = 0; i < 20; ++i)  // in order, then out of order
-      w.accept(samples(name, begin + (i * 7 % 20) * 100, 100));
-    if (round % 3 == 0) w.tree.clear(true);
-    w.tree.remove_frame(name, false);
-    if (round == 20) plateau = w.tree.memory_bytes();
-  }
-  CHECK_EQ(w.tree.memory_bytes(), plateau);
-}
-
-TEST_EACH_MODE(samples_out_of_order_are_merged) {
-  World w(c);
-  std::vector<std::uint8_t> stored;
-  w.accept(samples("a", 0, 1000, 2));
-  std::vector<Set> late = samples("a", 1, 1000, 2);
-  late.push_back({"root", "a", 500, at_x(-1)});
-  late.push_back({"other", "a", 501, at_x(-2)});
-  late.push_back({"root", "a", 501, at_x(-3)});
-  CHECK(!w.commit(late, {}, &stored));
-  for (const std::uint8_t result : stored) CHECK_EQ(result, RowResult::stored);
-  const FrameInfo info = w.info("a");
-  CHECK_EQ(info.samples, 2000u);
-  CHECK_EQ(info.oldest, 0);
-  CHECK_EQ(info.newest, 1999);
-  CHECK_EQ(w.events("a").rewritten.load(), 3u);
-  CHECK_EQ(w.at("root", "a", 500).pose.x, -1);
-  CHECK_EQ(w.at("root", "a", 501).pose.x, -3);
-  CHECK_EQ(w.at("root", "a", 602).pose.x, 301);
-}
-
 // 33,000 rows into a ring of 33,000 samples took 4 to 6 s: each one moved all later samples.
 TEST(a_commit_out_of_order_is_not_quadratic) {
   const auto merge = [](int n) {
