@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from .messages import TransformStamped
 from .times import Duration
 from .transforming import TransformRegistration, do_transform
 
@@ -14,6 +14,15 @@ NO_WAIT = Duration()
 
 class NotImplementedException(Exception):
     """A subclass of `BufferInterface` lacks the method that was called."""
+
+
+def _lacking(method: str) -> Callable[..., Any]:
+    """What stands for a method that a subclass must have."""
+
+    def lacking(self: BufferInterface, *_: Any, **__: Any) -> Any:
+        raise NotImplementedException(f"{type(self).__name__} does not implement {method}")
+
+    return lacking
 
 
 class BufferInterface:
@@ -71,42 +80,7 @@ class BufferInterface:
             ),
         )
 
-    def lookup_transform(
-        self, target_frame: str, source_frame: str, time: Any, timeout: Any = NO_WAIT
-    ) -> TransformStamped:
-        """Look up ``X_target_source``; see `Buffer.lookup_transform`. For subclasses."""
-        raise _lacks(self, "lookup_transform")
-
-    def lookup_transform_full(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-        timeout: Any = NO_WAIT,
-    ) -> TransformStamped:
-        """Look up between two times; see `Buffer.lookup_transform_full`. For subclasses."""
-        raise _lacks(self, "lookup_transform_full")
-
-    def can_transform(
-        self, target_frame: str, source_frame: str, time: Any, timeout: Any = NO_WAIT
-    ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform` would succeed. For subclasses."""
-        raise _lacks(self, "can_transform")
-
-    def can_transform_full(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-        timeout: Any = NO_WAIT,
-    ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform_full` would succeed. For subclasses."""
-        raise _lacks(self, "can_transform_full")
-
-
-def _lacks(buffer: BufferInterface, method: str) -> NotImplementedException:
-    return NotImplementedException(f"{type(buffer).__name__} does not implement {method}")
+    lookup_transform: Any = _lacking("lookup_transform")
+    lookup_transform_full: Any = _lacking("lookup_transform_full")
+    can_transform: Any = _lacking("can_transform")
+    can_transform_full: Any = _lacking("can_transform_full")
