@@ -22,7 +22,6 @@ EXTRAS = {
     "prometheus_client": "zenoh_tf_server",
     "lz4": "zenoh_tf",
     "mcap": "zenoh_tf",
-    "rich": "zenoh_tf_tools",
     "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_tools",

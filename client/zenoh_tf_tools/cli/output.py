@@ -16,7 +16,7 @@ from zenoh_tf import LatestTransform, StampedTransform, TransformException, Velo
 from zenoh_tf.text import printable
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 
-#: Terminal colours: bold, faint, green, yellow, cyan; parts that are not listed have none.
+#: Terminal colours: bold, faint, green, yellow, bold red, cyan; other parts have none.
 _COLOURS = {
     "frame": "1",
     "branch": "2",
@@ -25,6 +25,7 @@ _COLOURS = {
     "fresh": "32",
     "late": "33",
     "counted": "33",
+    "stopped": "1;31",
     "static": "36",
 }
 
@@ -132,8 +133,16 @@ def when(stamp_ns: int) -> str:
 Table = tuple[Sequence[str], Sequence[Sequence[str]], Sequence[int]]
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[str]:
-    """The lines of a table, with these columns to the left and all others to the right."""
+def table(
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    texts: Sequence[int],
+    parts: Sequence[str] = (),
+) -> list[str]:
+    """The lines of a table, with these columns to the left and all others to the right.
+
+    `parts`: the part of the output that each row is, for its colour (`paint`).
+    """
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
     lines = []
     for number, cells in enumerate([header, *rows]):
@@ -141,7 +150,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[
             cell.ljust(width) if column in texts else cell.rjust(width)
             for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
         ).rstrip()
-        lines.append(line if number else paint("header", line))
+        lines.append(paint(["header", *(parts or [""] * len(rows))][number], line))
     return lines
 
 

@@ -1,23 +1,19 @@
-"""``zenoh-tf top``: a live board of links and publishers in the terminal."""
+"""``zenoh-tf top``: the tables of `zenoh-tf monitor` as a live board in the terminal."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+import shutil
+import sys
+from typing import Final
 
-from zenoh_tf import ServerUnavailable
 from zenoh_tf.text import printable
+from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_periods
 from zenoh_tf_tools.cli.connection import connect
-from zenoh_tf_tools.cli.output import Table
 from zenoh_tf_tools.cli.show.monitor import authorities_table, links_table, pairs_table
 from zenoh_tf_tools.cli.show.pair_delays import add_pairs
 from zenoh_tf_tools.cli.show.rates import Period, periods
-from zenoh_tf_tools.errors import extra
-
-if TYPE_CHECKING:
-    from rich.console import Group
 
 #: Each order puts the largest first; a link without a figure comes last.
 _ORDERS: Final = {
@@ -25,6 +21,8 @@ _ORDERS: Final = {
     "rate": lambda link: -link.commits_per_s,
     "name": lambda link: link.frame,
 }
+#: The terminal's second screen without wrapped lines, and back; and an empty screen.
+_BEGIN, _END, _CLEAR = "\x1b[?1049h\x1b[?7l", "\x1b[?7h\x1b[?1049l", "\x1b[H\x1b[J"
 
 
 def add(commands: Commands) -> None:
@@ -32,9 +30,8 @@ def add(commands: Commands) -> None:
         "top",
         _top,
         "show the links and publishers on a live board",
-        "Show the links and publishers on a board in the terminal, until Ctrl-C: links that "
-        "have stopped are red and come first. The figures are those of zenoh-tf monitor. Needs the "
-        "extra zenoh-tf[top].",
+        "Show the links and publishers on a board in the terminal, until Ctrl-C: links that have "
+        "stopped are red and come first. The figures are those of zenoh-tf monitor.",
         "zenoh-tf top",
         "zenoh-tf top --every 500ms --sort rate",
     )
@@ -48,64 +45,37 @@ def add(commands: Commands) -> None:
 def _top(args: argparse.Namespace) -> int:
     if args.json:
         args.usage_error("a board has no --json; use zenoh-tf monitor --json")
-    with extra("top", "rich"):
-        from rich.console import Console  # noqa: PLC0415 - an optional extra
-        from rich.live import Live  # noqa: PLC0415
-    console = Console()
-    with connect(args) as tf, Live(console=console, screen=console.is_terminal) as live:
-
-        def wait(error: ServerUnavailable) -> None:
-            live.update(_text(f"{error} (waiting)"), refresh=True)
-
-        for period in periods(tf, args, wait):
-            # A table that is higher than the terminal would hide its own end.
-            rows = console.height if console.is_terminal else len(period.links)
-            live.update(_board(args.tree, period, args.sort, rows), refresh=True)
+    begin, end, clear = (_BEGIN, _END, _CLEAR) if sys.stdout.isatty() else ("", "", "")
+    with connect(args) as tf:
+        try:
+            print(end=begin)
+            for period in periods(tf, args, lambda error: print(f"{error} (waiting)", flush=True)):
+                # A table that is higher than the terminal would hide its own end.
+                rows = shutil.get_terminal_size().lines if clear else len(period.links) + 100
+                print(clear + board(args.tree, period, args.sort, rows), flush=True)
+        finally:
+            print(end=end, flush=True)
     return 0
 
 
-def _board(tree: str, period: Period, order: str, rows: int) -> Group:
+def board(tree: str, period: Period, order: str, rows: int) -> str:
     """The board. `rows`: lines of the terminal; links that do not fit are counted."""
-    from rich.console import Group  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
-
     stopped = sum(link.stopped for link in period.links)
-    title = Text(
-        f"tree {tree!r}: {len(period.links):,} dynamic and {period.static_links:,} static links, "
-        f"{len(period.authorities):,} publishers"
+    title = (
+        f"tree {printable(tree)!r}: {len(period.links):,} dynamic and {period.static_links:,} "
+        f"static links, {len(period.authorities):,} publishers"
     )
     if stopped:
-        title.append(f", {stopped:,} stopped", style="bold red")
+        title += ", " + output.paint("stopped", f"{stopped:,} stopped")
     links = sorted(period.links, key=_ORDERS[order])
-    pairs = [_drawn(pairs_table(period.pairs), {})] if period.pairs else []
-    # The title, two headers with their rules, and the line that counts the rest.
-    shown = max(3, rows - len(period.authorities) - (len(period.pairs) + 3 if pairs else 0) - 10)
-    ahead = {n: "yellow" for n, link in enumerate(links) if (link.greatest_age_s or 0.0) < 0}
-    still = {n: "bold red" for n, link in enumerate(links) if link.stopped}
-    parts: list[Any] = [title, _drawn(links_table(links[:shown]), ahead | still)]
-    if len(links) > shown:
-        parts.append(Text(f"and {len(links) - shown:,} more links", style="dim"))
-    lost = {n: "bold red" for n, x in enumerate(period.authorities) if x.refused or x.dropped}
-    return Group(*parts, *pairs, _drawn(authorities_table(period.authorities), lost))
-
-
-def _drawn(table: Table, styles: Mapping[int, str]) -> Any:
-    """A table, with these rows in other colours."""
-    from rich import box  # noqa: PLC0415
-    from rich.table import Table as RichTable  # noqa: PLC0415
-
-    titles, rows, texts = table
-    drawn = RichTable(box=box.SIMPLE_HEAD, pad_edge=False)
-    for number, title in enumerate(titles):
-        left = number in texts
-        drawn.add_column(_text(title), justify="left" if left else "right", no_wrap=True)
-    for number, cells in enumerate(rows):
-        drawn.add_row(*map(_text, cells), style=styles.get(number))
-    return drawn
-
-
-def _text(text: str) -> Any:
-    """Text as it is: rich would read brackets as markup."""
-    from rich.text import Text  # noqa: PLC0415
-
-    return Text(printable(text))
+    # The title, two headers, three empty lines, and the line that counts the rest.
+    taken = len(period.authorities) + (len(period.pairs) + 2 if period.pairs else 0) + 7
+    shown = links[: max(3, rows - taken)]
+    parts = ["stopped" if x.stopped else "late" * ((x.greatest_age_s or 0) < 0) for x in shown]
+    lines = [title, "", *output.table(*links_table(shown), parts)]
+    if len(links) > len(shown):
+        lines.append(output.paint("branch", f"and {len(links) - len(shown):,} more links"))
+    if period.pairs:
+        lines += ["", *output.table(*pairs_table(period.pairs))]
+    lost = ["stopped" if x.refused or x.dropped else "" for x in period.authorities]
+    return "\n".join([*lines, "", *output.table(*authorities_table(period.authorities), lost)])
