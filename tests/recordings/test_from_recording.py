@@ -13,7 +13,7 @@ from mcap.writer import Writer as McapWriter
 
 from tests.support.recorded import RUN, needs_recording, questions
 from zenoh_tf import LimitExceeded, TransformException, TransformTree
-from zenoh_tf.recordings import OPTIONS, RecordingError, load, open_recording
+from zenoh_tf.recordings import RecordingError, open_recording
 
 from .files import KINDS, LOG, TF, Log, malformed_cdr, write
 
@@ -269,36 +269,3 @@ def test_a_tree_of_what_was_known_at_a_time(tmp_path: Path) -> None:
     assert TransformTree.from_recording(path, until_ns=9 * S).frames() == ["c", "b"]
     with pytest.raises(RecordingError, match="nothing was recorded by 8"):
         TransformTree.from_recording(path, until_ns=8 * S)
-
-
-@pytest.mark.parametrize("kind", ["mcap", "bag"])
-@pytest.mark.parametrize("until_s", [9, 12.02, 15, 30])
-def test_what_was_known_is_the_same_of_what_was_kept(
-    tmp_path: Path, kind: str, until_s: float
-) -> None:
-    """One pass over the file serves for any time."""
-    log = [
-        (10.05 + i / 10, "/tf", [("a", "b", 10.0 + i / 10, i / 10), ("b", "d", 10.0 + i / 10, 1.0)])
-        for i in range(100)
-    ]
-    log.insert(30, (13.0, "/tf_static", [("b", "e", 0.0, 1.0)]))
-    path = write(tmp_path / "log", [(9.0, "/tf_static", [("b", "c", 0.0, 1.0)]), *log], kind=kind)
-    until_ns = round(until_s * S)
-    known, again = (TransformTree(**OPTIONS) for _ in range(2))
-    with open_recording(path) as recording:
-        load(recording, again, until_ns=until_ns)
-        assert recording.keep(1 << 20) == (10 * S, 19_900_000_000)
-    load(recording, known, until_ns=until_ns)
-    assert known._now_ns() == until_ns
-    assert known.frames() == again.frames()
-    for name in known.frames():
-        assert known.frame(name) == again.frame(name)
-    latest = TransformTree(**OPTIONS)
-    load(recording, latest, None, until_ns, until_ns - S)
-    assert latest.frame("c").parent == "b"
-    if until_s == 15:
-        assert latest.frame("b").samples == 10 and known.frame("b").samples == 50
-    with pytest.raises(RecordingError, match="nothing was recorded by 8"):
-        load(recording, TransformTree(), until_ns=8 * S)
-    with open_recording(path) as recording, pytest.raises(LimitExceeded):
-        recording.keep(16_000)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.processes.servers import ServerProcess
 from tests.recordings.files import write
-from tests.support.moving_arm import MS, fill
-from zenoh_tf import ForwardExtrapolationException, LookupException, StampedTransform, Transform
+from zenoh_tf import StampedTransform, Transform
 from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import Mirror, TransformClient
 from zenoh_tf_tools.viewer.live import LiveSource
@@ -109,22 +107,6 @@ def test_a_simulators_time_goes_on_from_its_newest_stamp(
     assert abs(source.now_ns([*links(source, 0).values()]) - time.time_ns()) < 5 * S
 
 
-def test_an_estimate_is_for_now(client: TransformClient, mirror: Mirror) -> None:
-    """By the server's clock; of a simulation's stamps, for the time that is shown."""
-    source = LiveSource(mirror)
-    fill(client, time.time_ns())
-    mirror.wait_for()
-    found = source.estimate("map", "tool", time.time_ns())
-    assert found is not None
-    assert abs(found.stamp_ns - time.time_ns()) < 5 * S
-    client.reset()
-    fill(client, 20 * S)
-    mirror.wait_for()
-    found = source.estimate("map", "tool", 20 * S + 30 * MS)
-    assert found is not None
-    assert (found.stamp_ns, found.by_ns) == (20 * S + 30 * MS, 30 * MS)
-
-
 def test_a_server_that_is_silent_is_told(server: ServerProcess, mirror: Mirror) -> None:
     source = LiveSource(mirror)
     assert source.trouble() is None
@@ -142,30 +124,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> RecordedSource:
     path = write(tmp_path_factory.mktemp("run") / "run", [*static, *moves, *late])
     with open_recording(path) as recording:
         return RecordedSource(recording)
-
-
-def test_an_estimate_in_a_recording_is_of_what_was_known(tmp_path: Path) -> None:
-    """At 1 m/s and 5 Hz, recorded 150 ms late: at 3.3 s the newest sample is of 3.0 s."""
-    late = [(i / 5 + 0.15, "/tf", [("map", "base", i / 5, i / 5)]) for i in range(5, 51)]
-    static = [(0.0, "/tf_static", [("base", "camera", 0.0, 1.0)])]
-    with open_recording(write(tmp_path / "run", [*static, *late])) as recording:
-        source = RecordedSource(recording)
-    time_ns = 8 * S + 3 * S // 10
-    found = source.estimate("map", "camera", time_ns)
-    assert found is not None
-    assert (found.stamp_ns, found.by_ns) == (time_ns, 3 * S // 10)
-    assert found.transform.translation[0] == pytest.approx(9.3)
-    assert source.estimate("map", "camera", time_ns) == found
-    with pytest.raises(LookupException):  # nothing but the static link was known
-        source.estimate("map", "camera", 0)
-    earlier = source.estimate("map", "base", 3 * S + 3 * S // 10)
-    assert earlier is not None
-    assert earlier.by_ns == 3 * S // 10
-    with pytest.raises(ForwardExtrapolationException):
-        source.estimate("map", "base", 15 * S)
-    simulated = [(1e9 + i / 5, "/tf", [("map", "base", i / 5, i / 5)]) for i in range(5, 51)]
-    with open_recording(write(tmp_path / "simulated", simulated)) as recording:
-        assert RecordedSource(recording).estimate("map", "base", 3 * S) is None
 
 
 def test_recorded_links(recorded: RecordedSource) -> None:

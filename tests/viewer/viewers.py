@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from zenoh_tf import Estimate, StampedTransform, Transform, TransformTree
+from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_tools.doctor import TreeFacts
 from zenoh_tf_tools.viewer.models import Model
 from zenoh_tf_tools.viewer.source import Link
@@ -45,9 +45,6 @@ class Tree:
 
     def now_ns(self, links: Any) -> int:
         return self.time_ns
-
-    def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
-        return self.lookups.estimate_transform(target, source, time_ns)
 
     def step_ns(self, names: Any, time_ns: int, step: int) -> int:
         return time_ns + step * S // 10

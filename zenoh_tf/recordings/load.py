@@ -35,7 +35,6 @@ def load(
     tree: TransformTree,
     on_messages: Callable[[int], None] | None = None,
     until_ns: int | None = None,
-    since_ns: int | None = None,
 ) -> None:
     """Commit all messages of a recording; what no tree accepts is left out and counted.
 
@@ -45,7 +44,6 @@ def load(
         on_messages: Called with the number of messages committed, now and then.
         until_ns: Leave out what was recorded later, in nanoseconds, so that the tree knows what a
             live one knew at that time, which is "now" for its estimates; None for nothing.
-        since_ns: As of `Recording.blocks`.
 
     Raises:
         RecordingError: The recording is damaged, or has no transforms by then, or its log has
@@ -53,7 +51,7 @@ def load(
         LimitExceeded: The tree's memory is full, or it has too many frames.
     """
     done = 0
-    for block in recording.blocks(until_ns, since_ns):
+    for block in recording.blocks(until_ns):
         for _ in valid_commits(recording, tree, block.rows, block.static):
             pass
         done += block.messages

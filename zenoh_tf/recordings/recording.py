@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .._core import TransformRows
-from ..errors import LimitExceeded
 from ..text import quoted
 from ..text.times import seconds
 from .containers.container import Channel, Container, RawMessage
@@ -24,9 +20,6 @@ from .topics import LinkTopics, Topics, prefixed
 
 #: Messages that are decoded together; their rows need about as much.
 _BLOCK_BYTES: Final = 8 << 20
-#: A row's two numbers of names, stamp, pose, and time of the log.
-_ROW_BYTES: Final = 80
-_LATEST_NS: Final = (1 << 63) - 1
 
 
 class Message(NamedTuple):
@@ -44,11 +37,6 @@ class Block(NamedTuple):
     rows: TransformRows
     static: bool
     messages: int  # how many
-    log_ns: NDArray[np.int64]  # (rows,) when each was recorded
-
-    @property
-    def bytes(self) -> int:
-        return len(self.rows) * _ROW_BYTES
 
 
 class Recording:
@@ -90,7 +78,6 @@ class Recording:
         self.range_ns: tuple[int, int] | None = None
         #: When the last dynamic transforms of the blocks so far were recorded; None without any.
         self.last_log_ns: int | None = None
-        self._kept: list[Block] | None = None
 
     @property
     def message_count(self) -> int | None:
@@ -115,73 +102,16 @@ class Recording:
             if found is not None:
                 yield Message(raw.log_ns, raw.channel.topic, raw.channel.static, found.rows)
 
-    def keep(
-        self, max_bytes: int, on_messages: Callable[[int], None] | None = None
-    ) -> tuple[int, int] | None:
-        """Read all of it into memory: `blocks` then reads the file no more.
-
-        Args:
-            max_bytes: How much it may need.
-            on_messages: Called with the number of messages read, now and then.
-
-        Returns:
-            The first and last stamp of the dynamic transforms; None without one.
-
-        Raises:
-            RecordingError: The file is damaged, or has no transforms.
-            LimitExceeded: It needs more; nothing is kept. `field` is "max_memory".
-        """
-        kept: list[Block] = []
-        size = messages = 0
-        stamps: list[tuple[int, int]] = []
-        for block in self.blocks():
-            size += block.bytes
-            messages += block.messages
-            if size > max_bytes:
-                raise LimitExceeded(
-                    f"the recording needs more than {max_bytes:,} bytes", field="max_memory"
-                )
-            kept.append(block)
-            valid = np.isfinite(block.rows.pose).all(axis=1)
-            if not block.static and valid.any():
-                stamp = block.rows.stamp[valid]
-                stamps.append((int(stamp.min()), int(stamp.max())))
-            if on_messages is not None:
-                on_messages(messages)
-        self._kept = kept
-        firsts, lasts = zip(*stamps, strict=True) if stamps else ((), ())
-        return (min(firsts), max(lasts)) if stamps else None
-
-    def blocks(self, until_ns: int | None = None, since_ns: int | None = None) -> Iterator[Block]:
+    def blocks(self, until_ns: int | None = None) -> Iterator[Block]:
         """Yield the same as blocks of many messages, which is much faster.
 
         Args:
             until_ns: Leave out what was recorded later, in nanoseconds; None for nothing.
-            since_ns: Leave out what was recorded earlier, but for static links; None for nothing.
-                Needs `keep`.
 
         Raises:
             RecordingError: The file is damaged, has no transforms by then, or has a link on two
                 topics.
         """
-        if self._kept is None:
-            yield from self._read_blocks(until_ns)
-            return
-        self.skipped, self.range_ns, self.last_log_ns = 0, None, None
-        for block in self._kept:
-            begin = 0 if since_ns is None or block.static else _first_after(block.log_ns, since_ns)
-            end = len(block.rows) if until_ns is None else _first_after(block.log_ns, until_ns)
-            if begin < end:
-                if not block.static:
-                    self.last_log_ns = int(block.log_ns[end - 1])
-                rows, log_ns = block.rows[begin:end], block.log_ns[begin:end]
-                yield Block(rows, block.static, block.messages, log_ns)
-            if until_ns is not None and end < len(block.rows):
-                if end == 0 and block is self._kept[0]:
-                    raise self._nothing_by(until_ns, int(block.log_ns[0]))
-                break
-
-    def _read_blocks(self, until_ns: int | None) -> Iterator[Block]:
         waiting: list[RawMessage] = []
         size = 0
         channel: Channel | None = None
@@ -243,10 +173,7 @@ class Recording:
     def _block(self, messages: list[RawMessage]) -> Iterator[Block]:
         found = self._decode(messages)
         if found is not None:
-            # A damaged file may have times of 64 bits without a sign.
-            log_ns = np.array([min(raw.log_ns, _LATEST_NS) for raw in messages], np.int64)
-            by_row = np.repeat(log_ns, found.counts)
-            yield Block(found.rows, messages[0].channel.static, len(messages), by_row)
+            yield Block(found.rows, messages[0].channel.static, len(messages))
 
     def _decode(self, messages: Sequence[RawMessage]) -> Decoded | None:
         """The rows of messages of one kind, without those that are malformed; None if all are."""
@@ -306,12 +233,6 @@ class Recording:
         if all(container.is_empty for container in self._containers):
             return "the recording is empty: it has no messages"
         return "; ".join([self._chosen.nothing(), *self.warnings()])
-
-
-def _first_after(log_ns: NDArray[np.int64], time_ns: int) -> int:
-    """The first row that was recorded after a time."""
-    later = log_ns > time_ns
-    return int(np.argmax(later)) if later.any() else len(later)
 
 
 @contextmanager

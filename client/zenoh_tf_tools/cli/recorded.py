@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TypeVar
 
@@ -122,18 +122,17 @@ def loaded(
     return tree, recording.range_ns
 
 
-@contextmanager
-def kept(args: argparse.Namespace) -> Iterator[tuple[Recording, tuple[int, int] | None]]:
-    """The recording, read into memory under a progress bar, and its first and last stamp. Trees of
-    what was known at some time need no further pass."""
-    with opened(args) as recording:
-        try:
-            with Progress(recording.message_count, "messages") as progress:
-                range_ns = recording.keep(MAX_MEMORY_BYTES, progress.to)
-            yield recording, range_ns
-        except LimitExceeded as error:
-            raise CommandError(f"{args.file}: {error}") from error
-        warn(recording)
+def range_of(recording: Recording) -> tuple[int, int] | None:
+    """The first and last stamp of a recording, read under a progress bar; None if all is static."""
+    with Progress(recording.message_count, "messages read") as progress:
+        load(recording, validator(), progress.to)
+    return recording.range_ns
+
+
+def validator() -> TransformTree:
+    """A tree with the server's rules, which rejects a message for one bad row; it need not keep
+    anything."""
+    return TransformTree(cache_time_s=0.001)
 
 
 def chosen_range(

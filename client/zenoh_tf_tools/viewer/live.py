@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from zenoh_tf import Estimate, FrameInfo, TransformException
+from zenoh_tf import FrameInfo, TransformException
 from zenoh_tf.text.times import CLOCK_RANGE_S
 from zenoh_tf_client.mirror.mirror import Mirror
 from zenoh_tf_tools.viewer.source import Link, Lookups
@@ -63,16 +63,11 @@ class LiveSource:
         stamps = [x.sample_ns for x in links if x.age_s is not None and x.sample_ns is not None]
         clock_ns = time.time_ns()
         newest_ns = max(stamps, default=clock_ns)
-        if _is_clock(newest_ns):
+        if is_clock(newest_ns):
             return clock_ns
         if newest_ns != self._newest_ns:
             self._newest_ns, self._newest_since_s = newest_ns, time.monotonic()
         return newest_ns + int((time.monotonic() - self._newest_since_s) * 1e9)
-
-    def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
-        # The server's clock rather than this machine's, unless the stamps are of another one.
-        stamp_ns = None if _is_clock(time_ns) else time_ns
-        return self._mirror.estimate_transform(target, source, stamp_ns)
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         """One period of the fastest link on, no further than the links have samples."""
@@ -94,6 +89,6 @@ class LiveSource:
         return None if age_s <= _SILENT_S else f"no heartbeat from the server for {age_s:.0f} s"
 
 
-def _is_clock(time_ns: int) -> bool:
-    """Whether a time is of the clock, not of a simulation."""
+def is_clock(time_ns: int) -> bool:
+    """Return whether a time is of the clock, not of a simulation."""
     return abs(time.time_ns() - time_ns) <= CLOCK_RANGE_S * 10**9

@@ -7,17 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import Estimate, LimitExceeded, TransformTree
-from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording, RecordingError
-from zenoh_tf.recordings.load import load, valid_commits
+from zenoh_tf import TransformTree
+from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording
+from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf_tools.viewer.source import Link, Lookups
 
 #: The rate of a link is that of its samples in this long before the time.
 _RATE_NS = 5 * 10**9
-#: What an estimate is made of was recorded in this long before it, as of a server that keeps 10 s.
-_KNOWN_NS = 11 * 10**9
-#: A recording that needs more memory beside its tree has no estimates.
-_MAX_KEPT_BYTES = 1 << 30
 
 
 class RecordedSource:
@@ -37,15 +33,8 @@ class RecordedSource:
             LimitExceeded: It has too many.
         """
         self._tree = TransformTree(**OPTIONS, max_memory_bytes=MAX_MEMORY_BYTES)
-        self._kept: Recording | None = recording
-        self._known: TransformTree | None = None  # what had been recorded by some time
-        self._known_at_ns: int | None = None
-        try:
-            recording.keep(_MAX_KEPT_BYTES, on_messages)
-        except LimitExceeded:
-            self._kept = None
         #: The stamps of each dynamic link, sorted; its history has only the first and last.
-        self._stamps_ns = _read(recording, self._tree)
+        self._stamps_ns = _read(recording, self._tree, on_messages)
         self._names = self._tree.frames()
         self.range_ns = recording.range_ns or (0, 0)
 
@@ -85,20 +74,6 @@ class RecordedSource:
     def now_ns(self, links: Sequence[Link]) -> int:
         return self.range_ns[1]  # the end, if no time is chosen
 
-    def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
-        """From what had been recorded by then, so it is what the robot could have known."""
-        if self._kept is None:
-            return None
-        if time_ns != self._known_at_ns:  # else it is paused
-            self._known, self._known_at_ns = TransformTree(), time_ns
-            try:
-                load(self._kept, self._known, None, time_ns, time_ns - _KNOWN_NS)
-            except RecordingError:  # nothing by then, or the log is of another clock
-                self._known = None
-        if self._known is None:
-            return None
-        return self._known.estimate_transform(target, source, time_ns)
-
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         found = []
         for name in names:
@@ -117,10 +92,16 @@ class RecordedSource:
         return None
 
 
-def _read(recording: Recording, tree: TransformTree) -> dict[str, NDArray[np.int64]]:
+def _read(
+    recording: Recording, tree: TransformTree, on_messages: Callable[[int], None] | None
+) -> dict[str, NDArray[np.int64]]:
     """Commit a recording. Returns the stamps of each frame whose link is not static, sorted."""
     found: dict[str, list[NDArray[np.int64]]] = {}
+    done = 0
     for block in recording.blocks():
+        done += block.messages
+        if on_messages is not None:
+            on_messages(done)
         for rows in valid_commits(recording, tree, block.rows, block.static):
             if block.static:
                 continue

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from zenoh_tf import Estimate, TransformTree
+from zenoh_tf import TransformTree
 from zenoh_tf_client.mirror.mirror import Mirror
 
 
@@ -67,10 +67,6 @@ class ViewedTree(Protocol):
 
     def now_ns(self, links: Sequence[Link]) -> int:
         """The time to show next; `links`: those of the last time."""
-
-    def estimate(self, target: str, source: str, time_ns: int) -> Estimate | None:
-        """The pose at a time that is shown as now, and how wrong it may be; None if it is not known
-        what was known then. Raises as `TransformTree.estimate_transform`."""
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         """The time of the next sample of these frames, or if `step` is -1 of the one before, in

@@ -26,6 +26,7 @@ from zenoh_tf_tools.viewer.controls.frame_tree import with_descendants
 from zenoh_tf_tools.viewer.controls.panel import SHOW_ALL, Panel
 from zenoh_tf_tools.viewer.findings import Findings, Observe
 from zenoh_tf_tools.viewer.ghost import Ghost
+from zenoh_tf_tools.viewer.live import is_clock
 from zenoh_tf_tools.viewer.models import Model, Models
 from zenoh_tf_tools.viewer.placement import NOTHING, place, roots_by_size
 from zenoh_tf_tools.viewer.scene import SELECTED_AXES, Look, Scene
@@ -260,12 +261,15 @@ class Viewer:
         self._draw_ghost(look)
 
     def _draw_ghost(self, look: Look) -> None:
-        """Draw the picked frame as it is now, if what is shown is what is known of now."""
+        """Draw the picked frame of a server as it is now."""
         name, self._estimate = look.selected or "", None
-        is_now = self._is_live or self._source.range_ns is not None
-        if is_now and self.panel.estimate and name in self._placement.rows:
+        if self._is_live and self.panel.estimate and name in self._placement.rows:
+            # By the server's clock rather than this machine's, unless the stamps are of another.
+            stamp_ns = None if is_clock(self._time_ns or 0) else self._time_ns
             try:
-                self._estimate = self._source.estimate(self._fixed, name, self._time_ns or 0)
+                self._estimate = self._source.lookups.estimate_transform(
+                    self._fixed, name, stamp_ns
+                )
             except TransformException as error:
                 self._estimate = error
         found = None

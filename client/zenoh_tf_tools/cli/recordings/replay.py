@@ -8,9 +8,9 @@ import sys
 import time
 from collections.abc import Iterator
 
-from zenoh_tf import ServerUnavailable, StampedTransform, Transform, TransformTree
+from zenoh_tf import ServerUnavailable, StampedTransform, Transform
 from zenoh_tf._core import TransformRows
-from zenoh_tf.recordings import Recording, load
+from zenoh_tf.recordings import Recording
 from zenoh_tf.recordings.load import valid_commits
 from zenoh_tf.text.flag_values import number
 from zenoh_tf.text.time_flags import RECORDED_TIMES
@@ -134,22 +134,14 @@ def _choose_part(args: argparse.Namespace, recording: Recording, playback: Playb
     """Set the first and last stamp to play. Reads the recording, as they count from its stamps."""
     if args.start is None and args.end is None:
         return
-    with Progress(recording.message_count, "messages read") as progress:
-        load(recording, _validator(), progress.to)
-    range_ns = recording.range_ns or (0, 0)
+    range_ns = recorded.range_of(recording) or (0, 0)
     default = playback.start_ns, playback.end_ns
     playback.start_ns, playback.end_ns = recorded.chosen_range(args, range_ns, default, inside=True)
 
 
-def _validator() -> TransformTree:
-    """A tree with the server's rules, which rejects a message for one bad row; it need not keep
-    anything."""
-    return TransformTree(cache_time_s=0.001)
-
-
 def _play(recording: Recording, playback: Playback, feed: Feed) -> tuple[int, list[str]]:
     """Play the recording once; returns the number of messages and their topics."""
-    validator = _validator()
+    validator = recorded.validator()
     number, topics = 0, set[str]()
     with Progress(recording.message_count, "messages") as progress:
         for number, message in enumerate(playback.turn(recording.messages()), start=1):

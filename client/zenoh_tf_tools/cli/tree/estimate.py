@@ -8,8 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from zenoh_tf import Estimate, FrameInfo, StampedTransform, TransformException, TransformTree
-from zenoh_tf.recordings import OPTIONS, load
+from zenoh_tf import (
+    Estimate,
+    FrameInfo,
+    LimitExceeded,
+    StampedTransform,
+    TransformException,
+    TransformTree,
+)
+from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, load
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import angle, length, number
 from zenoh_tf.text.time_flags import duration, live_time, recorded_time
@@ -18,6 +25,7 @@ from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames
 from zenoh_tf_tools.cli.connection import connect
+from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.estimate_words import bounds, carried_on, metres
 
 #: Errors below this are of the arithmetic, and nothing would make them smaller.
@@ -103,13 +111,18 @@ def _estimate(args: argparse.Namespace) -> int:
 def _known_tree(args: argparse.Namespace) -> tuple[TransformTree, int | None]:
     """The tree of what a recording had by the time of --known, and the time of --at."""
     at, known = (recorded.time_at(args, recorded_time, option) for option in ("--at", "--known"))
-    tree = TransformTree(**OPTIONS)
+    tree = TransformTree(**OPTIONS, max_memory_bytes=MAX_MEMORY_BYTES)
     stamp_ns = known_ns = None
-    with recorded.kept(args) as (recording, range_ns):
+    with recorded.opened(args) as recording:
+        range_ns = recorded.range_of(recording)
         if range_ns is not None:  # else all is static
             stamp_ns = recorded.stamp_ns("--at", at, range_ns, range_ns[1], inside=True)
             known_ns = recorded.stamp_ns("--known", known, range_ns, stamp_ns, inside=True)
-        load(recording, tree, until_ns=known_ns)
+        try:
+            load(recording, tree, until_ns=known_ns)
+        except LimitExceeded as error:
+            raise CommandError(f"{args.file}: {error}") from error
+        recorded.warn(recording)
     return tree, stamp_ns
 
 
