@@ -15,6 +15,7 @@ from zenoh_tf import TransformTree, wire
 from zenoh_tf._net import keys
 
 from . import federation, motion_limits, ros2
+from .federation.robot import Robot
 from .ingest.ingest import Ingest
 from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
@@ -23,11 +24,13 @@ from .process.sharing import Sharing
 from .process.tree_claim import Claim
 from .requests.guard import RequestGuard
 from .requests.service import Service
+from .requests.surroundings import Surroundings
 from .settings import ServerSettings
 from .state.state import State
 from .streams.interests import Interests
 from .streams.snapshots import Snapshots
 from .streams.stream import Stream
+from .transport.clients import Clients
 from .transport.running_server import RunningServer
 
 
@@ -61,12 +64,32 @@ class Server(RunningServer):
             listens_since_s = time.monotonic()
             stack.callback(state.close)  # before the session, which may take long to close
             claim = stack.enter_context(closing(Claim(session, settings.tree, instance)))
-            service = _make_service(settings, loop, session, tree, state, instance)
+            sharing.wait_for_predecessor(settings.sharing, listens_since_s)
+            clients = Clients(limits.connections)
+            stack.callback(clients.close)
+            stream = Stream(tree, instance, limits)
+            stack.callback(stream.close)
+            interests = Interests(tree, stream, instance, limits)
+            stack.callback(interests.close)
+            clients.when_gone(interests.client_gone)
+            snapshots = Snapshots(tree, stream, interests, instance, _settings_of(tree, settings))
+            outgoing = ros2.publish(settings.ros2, session, tree, state.links, stack)
+            robots: dict[str, Robot] = {}
+            around = Surroundings(
+                is_connected=clients.is_connected,
+                addresses=functools.partial(network.addresses, session),
+                lost_robots=functools.partial(federation.lost, robots),
+                last_seq=stream.last_seq,
+                on_commit=None if outgoing is None else outgoing.committed,
+                offer=shared.start(tree, limits.as_dict()),
+                reads={"snapshot": snapshots.snapshot, "missed": snapshots.missed},
+            )
+            service = _make_service(settings, loop, session, tree, state, instance, around)
             key = functools.partial(keys.request, settings.tree)
-            super().__init__(session, service, key, settings.workers, stack)
-            self._start_stream(settings, stack)
+            super().__init__(session, service, clients, key, settings.workers, stack)
             stack.callback(service.close)
-            service.waiters.is_connected = self.clients.is_connected
+            stream.start(session, settings.tree)
+            interests.start(session, settings.tree)
             commits = PutCommits(
                 service.commit_puts,
                 service.puts,
@@ -77,13 +100,15 @@ class Server(RunningServer):
             )
             ingest = Ingest(commits, limits)
             stack.callback(ingest.close)
-            sharing.wait_for_predecessor(settings.sharing, listens_since_s)
-            service.offer = shared.start(tree, limits.as_dict())
             stack.callback(shared.close)
             ingest.start(session, settings.tree)
-            ros2.start(settings.ros2, session, service, ingest, state.links, limits, stack)
-            robots = settings.federation
-            federation.start(robots, settings.security, service, ingest, session, stack)
+            incoming = ros2.receive(settings.ros2, session, ingest, state.links, limits, stack)
+            for part in (stream, interests, outgoing, incoming):
+                if part is not None:
+                    service.add_counters(part.counters)
+            federation.start(
+                *(settings.federation, settings.security, service, ingest, session, stack, robots)
+            )
             events = EventReports(tree, service.clocks)
             stack.callback(events.close)
             events.start()
@@ -94,26 +119,14 @@ class Server(RunningServer):
             claim.serve()
             self._stack = stack.pop_all()
 
-    def _start_stream(self, settings: ServerSettings, stack: ExitStack) -> None:
-        """Publish what commits change, and answer what mirrors ask."""
-        tree, limits, instance = self.service.tree, settings.limits, self.service.instance
-        stream = Stream(tree, instance, limits)
-        stack.callback(stream.close)
-        stream.start(self.session, settings.tree)
-        self.service.add_counters(stream.counters)
-        self.service.last_seq = stream.last_seq
-        interests = Interests(tree, stream, instance, limits)
-        stack.callback(interests.close)
-        interests.start(self.session, settings.tree)
-        self.service.add_counters(interests.counters)
-        self.clients.when_gone(interests.client_gone)
-        cache_ns = round(settings.cache_time_s * 1e9)
-        tree_settings = wire.TreeSettings(
-            *(cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth),
-            tree._motion_limits(),
-        )
-        snapshots = Snapshots(tree, stream, interests, instance, tree_settings)
-        self.service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+
+def _settings_of(tree: TransformTree, settings: ServerSettings) -> wire.TreeSettings:
+    """What a mirror makes its tree with."""
+    limits, cache_ns = settings.limits, round(settings.cache_time_s * 1e9)
+    return wire.TreeSettings(
+        *(cache_ns, limits.frames, limits.samples_per_frame, limits.name_bytes, limits.depth),
+        tree._motion_limits(),
+    )
 
 
 def _make_service(
@@ -123,11 +136,12 @@ def _make_service(
     tree: TransformTree,
     state: State,
     instance: str,
+    around: Surroundings,
 ) -> Service:
     security = settings.security
     certificate_of = functools.partial(network.certificate_of, session)
     guard = RequestGuard(security.rules, admin=security.admin, certificate_of=certificate_of)
-    service = Service(
+    return Service(
         tree,
         settings.tree,
         instance,
@@ -136,9 +150,8 @@ def _make_service(
         state.links,
         guard,
         settings.future,
+        around,
     )
-    service.info_requests.addresses = functools.partial(network.addresses, session)
-    return service
 
 
 def _make_tree(settings: ServerSettings, **options: Any) -> TransformTree:

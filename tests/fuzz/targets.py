@@ -22,6 +22,7 @@ from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf_server import config_file, flags
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.requests.service import Service
+from zenoh_tf_server.requests.surroundings import Surroundings
 from zenoh_tf_server.streams.interests import Interests
 from zenoh_tf_server.streams.snapshots import Snapshots
 from zenoh_tf_server.streams.stream import Stream
@@ -113,12 +114,12 @@ def _service() -> tuple[Service, _InternalErrors]:
         max_log_bytes=LIMITS.change_log_bytes,
     )
     instance = "0123456789abcdef"
-    service = Service(tree, "main", instance, LIMITS, loop)
     stream = Stream(tree, instance, LIMITS)
     interests = Interests(tree, stream, instance, LIMITS)
     settings = wire.TreeSettings(10**10, LIMITS.frames, LIMITS.samples_per_frame, 255, LIMITS.depth)
     snapshots = Snapshots(tree, stream, interests, instance, settings)
-    service.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+    around = Surroundings(reads={"snapshot": snapshots.snapshot, "missed": snapshots.missed})
+    service = Service(tree, "main", instance, LIMITS, loop, around=around)
     atexit.register(service.close)
     return service, errors
 

@@ -19,6 +19,7 @@ from zenoh_tf_server.ingest.put_commits import PutCommits
 from zenoh_tf_server.ingest.put_queues import Put
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.requests.service import Service
+from zenoh_tf_server.requests.surroundings import ALONE, Surroundings
 
 POSE = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)
 LIMITS = Limits(rows=100, message_bytes=1 << 20)
@@ -120,10 +121,10 @@ def test_a_forged_count_of_names_claims_no_memory() -> None:
 class Committer:
     """A service with what commits its puts."""
 
-    def __init__(self, future: FutureStamps) -> None:
+    def __init__(self, future: FutureStamps, around: Surroundings = ALONE) -> None:
         self.tree = TransformTree()
         self.loop = asyncio.new_event_loop()
-        self.service = Service(self.tree, "main", "instance", LIMITS, self.loop)
+        self.service = Service(self.tree, "main", "i", LIMITS, self.loop, around=around)
         service = self.service
         self.commits = PutCommits(
             service.commit_puts, service.puts, service.refusals, LIMITS, service.clocks, future
@@ -227,14 +228,16 @@ def test_stamps_from_the_future_are_stored_if_they_are_only_flagged() -> None:
     committer.close()
 
 
-def test_what_listens_to_commits_sees_each_put(made: Committer) -> None:
+def test_what_listens_to_commits_sees_each_put() -> None:
     seen: list[tuple[list[str], bytes]] = []
-    made.service.on_commit = lambda commit, stored: seen.append((commit.rows.names, stored))
+    around = Surroundings(on_commit=lambda commit, stored: seen.append((commit.rows.names, stored)))
+    made = Committer(FutureStamps(), around)
     made.run(
         put_of("a", message(("map", "base", 10**12))),
         put_of("a", b"\xc1"),
         put_of("a", message(("map", "base", 1), ("map", "tip", 1))),
     )
+    made.close()
     assert seen == [(["map", "base"], b"\1"), (["map", "base", "tip"], b"\0\1")]
 
 

@@ -312,7 +312,8 @@ def test_a_replaced_copy_goes_without_a_garbage_collection() -> None:
         primary = Upstream(session, "main")  # which is not there
         guard, limits = RequestGuard(), Limits()
         replica = ReplicaService(
-            *("main", "tcp/p:1", limits, loop, copies, primary, session, guard, served.append)
+            *("main", "tcp/p:1", limits, loop, copies, primary, session, guard, served.append),
+            is_connected=lambda client: True,
         )
         gc.disable()
         try:

@@ -132,8 +132,7 @@ def test_a_client_without_a_token_waits_for_a_short_time_only(server: ServerProc
 
 def test_lookups_of_a_client_that_has_gone_meanwhile_do_not_wait() -> None:
     loop = asyncio.new_event_loop()
-    waiters = Waiters(TransformTree(), Limits(), loop)
-    waiters.is_connected = lambda client: client == "here"
+    waiters = Waiters(TransformTree(), Limits(), loop, lambda client: client == "here")
     lookups = [wire.parse_lookup(lookup(1, "a", "b", timeout_ns=10**9))]
     try:
         for client in ("here", "gone"):

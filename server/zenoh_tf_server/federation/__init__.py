@@ -39,8 +39,14 @@ class Robots:
     """
 
     def __init__(
-        self, settings: FederationSettings, security: Security, service: Service, ingest: Ingest
+        self,
+        settings: FederationSettings,
+        security: Security,
+        service: Service,
+        ingest: Ingest,
+        robots: dict[str, Robot],
     ) -> None:
+        """`robots`: all robots by their names, from now on."""
         limits = service.limits
         self._service = service
         self._settings = settings
@@ -55,8 +61,8 @@ class Robots:
             share=quota.default_share(limits, expected),
             pool=self._pool,
         )
-        #: By name; `discovery` adds others.
-        self._robots = {address.name: self._make(address) for address in settings.links}
+        self._robots = robots  # `discovery` adds others
+        self._robots |= {address.name: self._make(address) for address in settings.links}
         self._discovery: Discovery | None = None
         self._sums: Mapping[str, Mapping[str, int]] = {}
         self._sums_until_s = 0.0
@@ -95,11 +101,6 @@ class Robots:
             for field, value in {**robot.counters(), **sums.get(name, _NONE)}.items()
         }
 
-    def lost(self) -> dict[str, float]:
-        """The robots that are not heard, and for how many seconds."""
-        found = ((name, robot.lost_s) for name, robot in list(self._robots.items()))
-        return {name: lost_s for name, lost_s in found if lost_s is not None}
-
     def _sum(self) -> dict[str, dict[str, int]]:
         sums = {name: dict(_NONE) for name in list(self._robots)}
         for record in self._service.info_requests.authorities():
@@ -110,6 +111,12 @@ class Robots:
         return sums
 
 
+def lost(robots: Mapping[str, Robot]) -> dict[str, float]:
+    """The robots that are not heard, and for how many seconds."""
+    found = ((name, robot.lost_s) for name, robot in list(robots.items()))
+    return {name: lost_s for name, lost_s in found if lost_s is not None}
+
+
 def start(
     settings: FederationSettings,
     security: Security,
@@ -117,11 +124,12 @@ def start(
     ingest: Ingest,
     session: zenoh.Session,
     stack: ExitStack,
+    robots: dict[str, Robot],
 ) -> None:
-    """Gather the trees of robots, until the stack is closed."""
+    """Gather the trees of robots, until the stack is closed. `robots`: them by their names, from
+    now on."""
     if settings.links or settings.patterns:
-        robots = Robots(settings, security, service, ingest)
-        stack.callback(robots.close)
-        robots.start(session)
-        service.add_counters(robots.counters)
-        service.info_requests.lost_robots = robots.lost
+        gathered = Robots(settings, security, service, ingest, robots)
+        stack.callback(gathered.close)
+        gathered.start(session)
+        service.add_counters(gathered.counters)

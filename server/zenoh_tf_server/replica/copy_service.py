@@ -9,11 +9,13 @@ import functools
 from typing import TYPE_CHECKING, NoReturn
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._net import handover
 from zenoh_tf.errors import ReadOnlyReplica
 
 from ..process import network
 from ..requests.handler import ReplyCallback
 from ..requests.service import Service
+from ..requests.surroundings import Surroundings
 from ..streams.interests import Interests
 from ..streams.snapshots import Snapshots
 from .relay import Relay
@@ -31,23 +33,29 @@ class CopyService(Service):
         tree: TransformTree,
         instance: str,
         settings: wire.TreeSettings,
+        offer: handover.Offer | None,
     ) -> None:
         name, limits = replica.name, replica.limits
-        super().__init__(tree, name, instance, limits, replica.loop, guard=replica.guard)
         self._replica = replica
-        self._identity["primary"] = replica.primary
-        # Another function may be set later.
-        self.waiters.is_connected = lambda client: replica.is_connected(client)  # noqa: PLW0108
-        self.info_requests.addresses = functools.partial(network.addresses, replica.session)
         self.relay = Relay(replica.feed, tree, instance, limits)
-        self.relay.start(replica.session, name)
-        self.last_seq = self.relay.last_seq
         self.interests = Interests(tree, self.relay, instance, limits)
-        self.interests.start(replica.session, name)
         snapshots = Snapshots(tree, self.relay, self.interests, instance, settings)
-        self.add_reads({"snapshot": snapshots.snapshot, "missed": snapshots.missed})
-        self.add_counters(self.relay.counters)
-        self.add_counters(self.interests.counters)
+        around = Surroundings(
+            is_connected=replica.is_connected,
+            addresses=functools.partial(network.addresses, replica.session),
+            last_seq=self.relay.last_seq,
+            offer=offer,
+            reads={"snapshot": snapshots.snapshot, "missed": snapshots.missed},
+            identity={"primary": replica.primary},
+        )
+        super().__init__(
+            tree, name, instance, limits, replica.loop, guard=replica.guard, around=around
+        )
+        self.requests = replica.requests
+        for part in (self.relay, self.interests, replica):
+            self.add_counters(part.counters)
+        self.relay.start(replica.session, name)
+        self.interests.start(replica.session, name)
 
     def close(self) -> None:
         super().close()

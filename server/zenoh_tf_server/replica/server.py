@@ -20,6 +20,7 @@ from ..process.upstream import Upstream
 from ..requests.guard import RequestGuard
 from ..security.settings import OPEN
 from ..settings import ServerSettings
+from ..transport.clients import Clients
 from ..transport.running_server import RunningServer
 from .copies import SharedCopies
 from .service import ReplicaService
@@ -46,14 +47,16 @@ class ReplicaServer(RunningServer):
                 security.rules, certificate_of=functools.partial(network.certificate_of, session)
             )
             where = ", ".join(map(zenoh_config.address, settings.replica_of))
+            clients = Clients(limits.connections)
+            stack.callback(clients.close)
             service = ReplicaService(
-                *(tree, where, limits, loop, copies, primary, session, guard, token.declare)
+                *(tree, where, limits, loop, copies, primary, session, guard, token.declare),
+                clients.is_connected,
             )
             stack.callback(service.close)
             service.wait_for_copy()
             key = functools.partial(keys.request, tree)
-            super().__init__(session, service, key, settings.workers, stack)
-            service.is_connected = self.clients.is_connected
+            super().__init__(session, service, clients, key, settings.workers, stack)
             self.serve(service.authorities)
             # Withdrawn first when it closes, so that clients learn of it.
             stack.callback(token.close)

@@ -58,16 +58,16 @@ class ReplicaService(Handler):
         session: zenoh.Session,
         guard: RequestGuard,
         serves: Callable[[str], None],
+        is_connected: Callable[[str], bool],
     ) -> None:
         """Follow the primary, `source`. `primary`: its endpoints, for messages. `copies` makes the
         trees. `session`: towards the clients. `serves` is called with each instance of the primary
-        whose tree is served from then on."""
+        whose tree is served from then on. `is_connected`: whether a client's token is there."""
         super().__init__(name, limits, guard)
         self.primary = primary
         self.session = session
         self.loop = loop
-        #: Whether a client's token is there.
-        self.is_connected: Callable[[str], bool] = lambda client: True
+        self.is_connected = is_connected
         self._copies = copies
         self._source = source
         self._serves = serves
@@ -155,12 +155,10 @@ class ReplicaService(Handler):
             return
         self._is_made.wait()
         assert self._plan is not None
-        service = CopyService(self, tree, instance, self._plan)
-        service.requests = self.requests
-        service.add_counters(self._counters)
-        self.clocks, self.info_requests = service.clocks, service.info_requests
         # From here on no client reads the copy before this one in memory.
-        service.offer = self._copies.share(tree, self.limits)
+        offer = self._copies.share(tree, self.limits)
+        service = CopyService(self, tree, instance, self._plan, offer)
+        self.clocks, self.info_requests = service.clocks, service.info_requests
         replaced = dict(self._services)
         self._services[tree] = self._current = service
         self._serves(instance)
@@ -175,7 +173,8 @@ class ReplicaService(Handler):
             self._services.pop(tree, None)
             service.close()
 
-    def _counters(self) -> dict[str, Any]:
+    def counters(self) -> dict[str, Any]:
+        """Counters for `stats`."""
         return {
             "replica_age_s": self.age_s,
             "replica_seq": self.feed.state.seq,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
 from zenoh_tf import TransformTree, wire
@@ -16,6 +16,7 @@ from ..ingest.clock_offsets import ClockOffsets
 from ..ingest.refusals import Refusals
 from ..limits import Limits
 from .estimates import Estimates
+from .surroundings import Surroundings
 
 #: Trees of more frames are not counted again for each `stats` and `authorities`.
 _LARGE_TREE: Final = 100_000
@@ -59,6 +60,7 @@ class InfoRequests:
         refusals: Refusals,
         clocks: ClockOffsets,
         counters: Callable[[], dict[str, int]],
+        around: Surroundings,
     ) -> None:
         """`counters`: the server's own counters, added to the tree's in `stats`."""
         self._tree = tree
@@ -67,10 +69,7 @@ class InfoRequests:
         self._refusals = refusals
         self._clocks = clocks
         self._counters = counters
-        #: The addresses of the clients by their ids; the server that has their links sets it.
-        self.addresses: Callable[[], dict[str, str]] = dict
-        #: The robots whose servers are not heard, and for how many seconds.
-        self.lost_robots: Callable[[], Mapping[str, float]] = dict
+        self._around = around
         self._stats = _Counted(tree.stats)
         self._authorities = _Counted(tree._authority_records)
 
@@ -126,7 +125,7 @@ class InfoRequests:
 
     def _merged(self, records: list[dict[str, Any]]) -> list[dict[str, Any]]:
         merged = self._clocks.add_to(self._refusals.add_to(records))
-        lost = self.lost_robots()
+        lost = self._around.lost_robots()
         for record in merged if lost else ():
             robot, colon, _ = record["name"].partition(":")
             if colon and robot in lost:
@@ -143,7 +142,7 @@ class InfoRequests:
 
     def _client_records(self, budget: Budget) -> list[dict[str, Any]]:
         budget.take_listed(1)
-        addresses = self.addresses()
+        addresses = self._around.addresses()
         records = self._clocks.client_records()
         _charge(budget, len(records) * _RECORD)
         return [{**record, "address": addresses.get(record["client"])} for record in records]

@@ -35,6 +35,7 @@ from .guard import RequestGuard
 from .handler import Handler, ReplyCallback, ReplyWithField
 from .info import InfoRequests
 from .reads import Reads
+from .surroundings import ALONE, Surroundings
 from .waiters import Waiters
 from .writes import Writes
 
@@ -55,34 +56,35 @@ class Service(Handler):
         links: StaticLinks | None = None,
         guard: RequestGuard | None = None,
         future: FutureStamps | None = None,
+        around: Surroundings = ALONE,
     ) -> None:
         super().__init__(name, limits, guard or RequestGuard())
         self.tree = tree
         self._instance = instance
-        self.waiters = Waiters(tree, limits, loop)
+        self.waiters = Waiters(tree, limits, loop, around.is_connected)
         self.reads = Reads(tree, limits)
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
         self.clocks = ClockOffsets()
         counters = _counters_of(self)
-        self.info_requests = InfoRequests(tree, limits, self.refusals, self.clocks, counters)
+        self.info_requests = InfoRequests(
+            tree, limits, self.refusals, self.clocks, counters, around
+        )
         self._future = future or FutureStamps()
         self._refused_ahead_ns = self._future.refused_ahead_ns
         self._writes = Writes(instance, limits)
-        #: Number of the tree's last commit, for the replies to writes.
-        self.last_seq: Callable[[], int] | None = None
-        #: Called with each commit that the tree has applied, and what became of its rows.
-        self.on_commit: Callable[[wire.Commit, bytes], None] | None = None
+        self._last_seq = around.last_seq
+        self._on_commit = around.on_commit
+        self._offer = around.offer
         self.links = links or StaticLinks(tree, limits, None, Stored())
         self._admin_requests = AdminRequests(self.links, limits, self.refusals)
-        #: Where clients of this host can map the tree; the server that shares it sets it.
-        self.offer: handover.Offer | None = None
         self._identity = {
             "tree": name,
             "instance": instance,
             "server_version": version("zenoh-tf"),
             "limits": limits.as_dict(),
+            **around.identity,
         }
         # Functions, not bound methods: nothing in the service may refer to it. A replica's copy
         # that was replaced then goes at once with its memory, not when garbage is collected.
@@ -93,6 +95,7 @@ class Service(Handler):
             "info": Service._reply_to_info,
             "admin": type(self)._admin,
             "hello": Service._reply_to_hello,
+            **{request_type: _handler_of(read) for request_type, read in around.reads.items()},
         }
 
     @property
@@ -119,8 +122,8 @@ class Service(Handler):
                 self.guard.check(request_type, chunk, message)
             if wire.FLOOR in message:
                 self.check_floor(*wire.take_floor(message))
-                if self.last_seq is not None:
-                    reply_to = ReplyWithField(reply_to, "seq", self.last_seq)
+                if self._last_seq is not None:
+                    reply_to = ReplyWithField(reply_to, "seq", self._last_seq)
             self._handlers[request_type](self, message, reply_to)
         except Exception as error:
             reply_to(self.error(error), True)
@@ -139,17 +142,6 @@ class Service(Handler):
 
     def stats(self) -> dict[str, int]:
         return self.tree.stats() | self._counters()
-
-    def add_reads(self, reads: dict[str, Callable[[wire.Message, str], wire.Message]]) -> None:
-        """Serve more types of requests: each function makes the fields of a reply to a client."""
-        for request_type, read in reads.items():
-
-            def reply(
-                service: Service, message: wire.Message, reply_to: ReplyCallback, read: Any = read
-            ) -> None:
-                reply_to(service._pack_within(read(message, reply_to.client)), False)
-
-            self._handlers[request_type] = reply
 
     def client_gone(self, client: str) -> None:
         self.waiters.client_gone(client)
@@ -234,8 +226,8 @@ class Service(Handler):
 
     def _add_seq(self, reply: wire.Message) -> wire.Message:
         """Add a number that is not below that of the write, or of what it was in conflict with."""
-        if self.last_seq is not None:
-            reply["seq"] = self.last_seq()
+        if self._last_seq is not None:
+            reply["seq"] = self._last_seq()
         return reply
 
     def commit_puts(self, puts: Sequence[wire.Commit]) -> list[Outcome]:
@@ -269,7 +261,7 @@ class Service(Handler):
             max_stamps_ns.append(put.max_stamp_ns)
             drop_strays.append(put.drop_strays)
         stored = self.tree._commit_puts(rows, authorities, max_stamps_ns, drop_strays)
-        is_followed = self.on_commit is not None or self.links.has_state_file
+        is_followed = self._on_commit is not None or self.links.has_state_file
         outcomes: list[Outcome] = []
         for put, found in zip(puts, stored, strict=True):
             if is_followed and not isinstance(found, Exception):
@@ -280,8 +272,8 @@ class Service(Handler):
     def _committed(self, commit: wire.Commit, stored: bytes) -> int:
         """Follow a dynamic commit that the tree has applied. Returns the number of its state
         write."""
-        if self.on_commit is not None:
-            self.on_commit(commit, stored)
+        if self._on_commit is not None:
+            self._on_commit(commit, stored)
         return self.links.made_dynamic(commit) if self.links.has_state_file else NO_STATE_WRITE
 
     # --- batches, info and administration
@@ -342,10 +334,10 @@ class Service(Handler):
         access = self.guard.access(message)
         clock_ns, real_ns = self._clocks_now()
         known = self._identity | {"clock_ns": clock_ns, "real_ns": real_ns}
-        if self.last_seq is not None:
-            known["seq"] = self.last_seq()
-        if self.offer is not None and (access is None or "read" in access["may"]):
-            known[handover.HELLO_FIELD] = self.offer.fields()
+        if self._last_seq is not None:
+            known["seq"] = self._last_seq()
+        if self._offer is not None and (access is None or "read" in access["may"]):
+            known[handover.HELLO_FIELD] = self._offer.fields()
         return known if access is None else known | {"access": access}
 
     def _clocks_now(self) -> tuple[int, int]:
@@ -369,3 +361,14 @@ def _counters_of(service: Service) -> Callable[[], dict[str, int]]:
         return {} if found is None else found._counters()
 
     return counters
+
+
+def _handler_of(
+    read: Callable[[wire.Message, str], wire.Message],
+) -> Callable[[Service, wire.Message, ReplyCallback], None]:
+    """The handler of a request whose reply has the fields that `read` makes."""
+
+    def reply(service: Service, message: wire.Message, reply_to: ReplyCallback) -> None:
+        reply_to(service._pack_within(read(message, reply_to.client)), False)
+
+    return reply

@@ -96,13 +96,17 @@ class _WaitingLookup:
 
 class Waiters:
     def __init__(
-        self, tree: TransformTree, limits: Limits, loop: asyncio.AbstractEventLoop
+        self,
+        tree: TransformTree,
+        limits: Limits,
+        loop: asyncio.AbstractEventLoop,
+        is_connected: Callable[[str], bool],
     ) -> None:
+        """`is_connected`: whether a client's token is there."""
         self._tree = tree
         self._limits = limits
         self._loop = loop
-        #: Whether a client's token is there; the server that follows the tokens sets it.
-        self.is_connected: Callable[[str], bool] = lambda client: True
+        self._is_connected = is_connected
         self._queue = WakeQueue()
         self._lookup_ids = itertools.count()
         self._lock = threading.Lock()
@@ -253,7 +257,7 @@ class Waiters:
             if self._stopping:
                 raise ServerUnavailable("the server is stopping")
             # A client that goes later finds the lookups: `client_gone` locks after that.
-            if client != UNKNOWN and not self.is_connected(client):
+            if client != UNKNOWN and not self._is_connected(client):
                 raise ServerUnavailable("the client has gone")
             self._rows.require_room(client, rows, _RETRY_AFTER_S)
             self._links.require_room(client, links, _RETRY_AFTER_S)

@@ -13,11 +13,11 @@ from contextlib import ExitStack
 
 import zenoh
 
+from zenoh_tf import TransformTree
 from zenoh_tf.ros2 import attachment
 
 from ..ingest.ingest import Ingest
 from ..limits import Limits
-from ..requests.service import Service
 from ..state.static_links import StaticLinks
 from .incoming import Incoming
 from .outgoing import Outgoing
@@ -26,27 +26,37 @@ from .settings import Ros2Settings
 log = logging.getLogger("zenoh_tf.server.ros2")
 
 
-def start(
+def publish(
     settings: Ros2Settings,
     session: zenoh.Session,
-    service: Service,
+    tree: TransformTree,
+    links: StaticLinks,
+    stack: ExitStack,
+) -> Outgoing | None:
+    """What publishes commits in the ROS 2 network of a session, until the stack is closed."""
+    if not settings.publish:
+        return None
+    outgoing = Outgoing(session, tree, links, settings)
+    stack.callback(outgoing.close)
+    return outgoing
+
+
+def receive(
+    settings: Ros2Settings,
+    session: zenoh.Session,
     ingest: Ingest,
     links: StaticLinks,
     limits: Limits,
     stack: ExitStack,
-) -> None:
-    """Join the ROS 2 network of a session, until the stack is closed."""
-    if settings.receive and not attachment.HAS_GIDS:
+) -> Incoming | None:
+    """What ingests the transforms of a session's ROS 2 network, until the stack is closed."""
+    if not settings.receive:
+        return None
+    if not attachment.HAS_GIDS:
         log.warning(
             "the package xxhash is missing: publishers are known by their topic and session only, "
             "not by their id; install zenoh-tf with the extra ros2"
         )
-    if settings.publish:
-        outgoing = Outgoing(session, service.tree, links, settings)
-        stack.callback(outgoing.close)
-        service.on_commit = outgoing.committed
-        service.add_counters(outgoing.counters)
-    if settings.receive:
-        incoming = Incoming(session, ingest, links, limits, settings)
-        stack.callback(incoming.close)
-        service.add_counters(incoming.counters)
+    incoming = Incoming(session, ingest, links, limits, settings)
+    stack.callback(incoming.close)
+    return incoming

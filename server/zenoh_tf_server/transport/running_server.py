@@ -26,6 +26,7 @@ class RunningServer:
         self,
         session: zenoh.Session,
         service: Handler,
+        clients: Clients,
         key: Callable[[str], str],
         workers: int,
         stack: ExitStack,
@@ -35,8 +36,7 @@ class RunningServer:
         self.session = session
         self.service = service
         self.key = key
-        self.clients = clients = Clients(service.limits.connections)
-        stack.callback(clients.close)
+        self.clients = clients
         sockets = LinkSockets(session)
         stack.callback(sockets.close)
         limits = service.limits
