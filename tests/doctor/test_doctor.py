@@ -269,13 +269,6 @@ def test_an_unknown_fault_cannot_be_ignored() -> None:
         diagnose(TreeFacts([], NOW_NS), ignore=["TF999"])
 
 
-def test_refusals_of_a_real_tree_are_of_their_kinds() -> None:
-    with pytest.raises(InvalidArgumentException, match="quaternion"):
-        TransformTree().set_transform(
-            StampedTransform("a", "b", 0, Transform((0, 0, 0), (0, 0, 0, 1.1)))
-        )
-
-
 def test_the_snippet_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
     text = (DOCS / "reference/doctor.md").read_text()
     snippet = re.findall(r"```python\n(.*?)```", text, re.S)[0]

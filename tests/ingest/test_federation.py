@@ -140,28 +140,6 @@ def test_no_robot_moves_a_shared_frame_or_harms_another_one(
         assert of_robots == metric_table.FROM_ROBOTS.keys()
 
 
-def test_a_robot_is_killed_and_comes_back(
-    robots: list[ServerProcess],
-    start_site: Callable[..., ServerProcess],
-    start_server: StartServer,
-) -> None:
-    site = start_site(robots)
-    with site.connect() as tf, robots[1].connect() as second:
-        arrived(tf, "robot1", 1.5)
-        robots[0].kill()
-        second.set_transform(link("map", "base", 2, 22.0), authority="wheels")
-        arrived(tf, "robot2", 22.5)
-        wait_until(lambda: stats(tf)["robot_connected/robot1"] == 0, "robot1 is away")
-        assert x_of(tf, "map", "robot1/camera") == 1.5
-        again = start_server(tree="main", endpoint=robots[0].endpoint)
-        with again.connect() as first:
-            first.set_transform(link("map", "base", 3, 33.0), authority="wheels")
-            arrived(tf, "robot1", 33.5)
-            wait_until(lambda: stats(tf)["robot_connected/robot1"] == 1, "robot1 is back")
-            first.set_transform(link("map", "base", 4, 44.0), authority="wheels")
-            arrived(tf, "robot1", 44.5)
-
-
 def test_a_frozen_robot_holds_nobody_up(
     robots: list[ServerProcess], start_site: Callable[..., ServerProcess]
 ) -> None:

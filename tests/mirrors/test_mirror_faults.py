@@ -62,29 +62,6 @@ def check_whole(mirror: Mirror) -> int:
     return stamps.pop()
 
 
-@pytest.mark.slow
-def test_a_stopped_mirror(server: ServerProcess) -> None:
-    """Others continue meanwhile, and it is right again soon."""
-    with (
-        load(server) as stamps,
-        server.connect(20) as tf,
-        tf.mirror() as other,
-        MirrorProcess(server.endpoint) as stopped,
-    ):
-        stopped.freeze()
-        at = len(stamps)
-        end = time.monotonic() + 4
-        while time.monotonic() < end:  # the other one continues
-            check_whole(other)
-            time.sleep(0.05)
-        wait_until(lambda: len(stamps) > at + 100, "the writer is held up")
-        wait_until(lambda: check_whole(other) >= stamps[at + 100], "the other mirror is held up")
-        stopped.go_on()
-        wait_until(lambda: stopped.state()["seq"] > other.seq - 200, "it does not catch up")
-    with MirrorProcess(server.endpoint) as fresh:
-        wait_until(lambda: is_equal(server, fresh.state()["versions"]), "not equal")
-
-
 @pytest.mark.parametrize(
     ("fault", "pairs"),
     [("cut", None), ("reset", None), ("hold", None), ("cut", PAIRS), ("hold", PAIRS)],

@@ -157,13 +157,6 @@ def test_a_wrench_through_the_buffer(buffer: tf2.Buffer) -> None:
     assert xyz(got.torque) == [30.0, 0.0, 10.0]  # the lever arm from B is (-10, 20, 30)
 
 
-def test_a_pose_with_a_header_as_older_releases_take_it() -> None:
-    transform = link("A", "B", 2, (10.0, 20.0, 30.0), (1.0, 0.0, 0.0, 0.0))
-    out = tf2.do_transform_pose(msg.PoseStamped(pose=pose()), transform)
-    assert xyz(out.pose.position) == [11.0, 18.0, 27.0]
-    assert out.header == transform.header
-
-
 class Plane:
     """A message of a script's own."""
 

@@ -84,23 +84,6 @@ def test_a_message_moves_its_joints_and_their_mimics(arm: reader.Robot) -> None:
     assert joints.counts.transforms == 5
 
 
-def test_a_mimic_that_reports_itself_is_believed(arm: reader.Robot) -> None:
-    got = move(JointTransforms(arm), {"left": 0.01, "right": 0.03})
-    assert got["right_finger"].translation.tolist() == pytest.approx([0.0, -0.05, 0.1])
-    assert got["left_finger"].translation.tolist() == pytest.approx([0.0, 0.03, 0.1])
-
-
-def test_a_mimic_of_a_mimic() -> None:
-    text = robot(
-        joint("a", "base", "one", "continuous"),
-        joint("b", "one", "two", "continuous", '<mimic joint="a" multiplier="2" offset="0.1"/>'),
-        joint("c", "two", "three", "continuous", '<mimic joint="b" multiplier="-3" offset="1"/>'),
-    )
-    got = move(JointTransforms(reader.parse(text)), {"a": 0.2})
-    for link, angle in (("one", 0.2), ("two", 0.5), ("three", -0.5)):
-        assert got[link].rpy() == pytest.approx((angle, 0.0, 0.0)), link
-
-
 def test_what_is_left_out_is_counted(arm: reader.Robot) -> None:
     joints = JointTransforms(arm)
     positions = {"elbow": math.nan, "wheel": 1.0, "pedestal": 0.0, "slide": math.inf, "roll": 3.5}

@@ -13,19 +13,6 @@ std::size_t known(const World& w) {
 
 }  // namespace
 
-TEST_EACH_MODE(authorities_come_and_go_for_ever) {
-  World w(Options{.concurrency = c, .max_authorities = 8});
-  w.accept({{"root", "kept", 1}}, {.authority = "owner"});
-  for (int i = 0; i < 1000; ++i) {
-    w.accept({{"root", "shared", i + 1}}, {.authority = nth("a", i)});
-    CHECK_EQ(w.tree.authority(w.info("shared").authority), nth("a", i));
-    CHECK_EQ(w.tree.authority(w.info("kept").authority), "owner");
-    CHECK(known(w) <= 8);
-  }
-  w.accept({{"root", "kept", 2}}, {.authority = "owner"});
-  CHECK_EQ(w.events("kept").authority_changes.load(), 0u);
-}
-
 TEST(an_authority_that_owns_a_frame_is_not_freed) {
   World w(Options{.max_authorities = 3});
   for (const char* name : {"a", "b", "c"}) w.accept({{"root", name, 1}}, {.authority = name});

@@ -17,30 +17,6 @@ constexpr Stamp kFarFuture = 1'000'000'000'000'000;
 
 }  // namespace
 
-TEST_EACH_MODE(names_come_and_go_for_ever) {
-  World w(Options{.concurrency = c, .max_frames = 8});
-  for (int i = 0; i < 1000; ++i) {
-    CHECK(w.set("root", nth("f", i), 1, at_x(i)));
-    CHECK_EQ(w.ask(Op::latest_xact, "root", nth("f", i)).pose.x, i);
-    if (i % 2) CHECK(w.set(nth("f", i), nth("g", i), 1));  // an odd one is a parent, too
-    if (i >= 2) {
-      remove(w, nth("f", i - 2));
-      CHECK_EQ(w.id(nth("f", i - 2)), 0u);
-    }
-  }
-  CHECK(w.tree.size() <= 8);
-}
-
-TEST(a_reset_gives_all_places_back) {
-  World w(Options{.max_frames = 5});
-  for (int round = 0; round < 10; ++round) {
-    for (int i = 0; i < 4; ++i) w.accept({{"root", nth("f", 10 * round + i), 1}});
-    CHECK_EQ(w.refusal({{"root", "one too many", 1}}), Code::limit);
-    CHECK_EQ(w.id("one too many"), 0u);
-    w.tree.reset();
-  }
-}
-
 TEST(a_rejected_commit_leaves_the_places_to_others) {
   World w(Options{.max_frames = 4});
   w.set("root", "a", 1);

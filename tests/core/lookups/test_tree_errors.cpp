@@ -60,14 +60,6 @@ TEST_EACH_MODE(a_link_without_a_sample_for_the_time) {
   check(3001, Code::forward, 2000, 3000);
 }
 
-TEST(nanoseconds_are_kept_exactly) {
-  World w;
-  const Stamp stamp = 1'000'000'000'000'000'001;
-  w.set("a", "b", stamp);
-  CHECK_EQ(w.code(Op::at, "a", "b", stamp), Code::ok);
-  CHECK_EQ(w.code(Op::at, "a", "b", stamp - 1), Code::no_data);
-}
-
 // Of several links without a sample the error names the one whose samples are farthest from the
 // time, whichever frame is the target; of equal ones the target's.
 TEST_EACH_MODE(the_link_that_is_farthest_from_the_time_is_named) {

@@ -1,4 +1,4 @@
-// The memory of samples: its limit, its reuse, and the cost of storing many samples at once.
+// The cost of storing many samples at once. Limits of memory: tests/tree/test_tree_memory.py.
 #include <ctime>
 #include <functional>
 
@@ -7,8 +7,6 @@
 using namespace ztf;
 
 namespace {
-
-constexpr std::uint64_t kMiB = 1 << 20;
 
 // Rows of one link, with stamps from `begin` on, `step` apart.
 std::vector<Set> samples(const std::string& child, Stamp begin, int count, Stamp step = 1) {
@@ -25,29 +23,6 @@ double seconds(const std::function<void()>& body) {
 }
 
 }  // namespace
-
-TEST_EACH_MODE(a_commit_that_needs_too_much_memory_writes_nothing) {
-  World w(Options{.concurrency = c, .max_memory_bytes = kMiB});
-  w.accept(samples("a", 1, 1000));
-  std::vector<Set> sets = samples("b", 1, 100);
-  for (const Set& set : samples("c", 1, 20'000)) sets.push_back(set);
-  const std::uint64_t bytes = w.tree.memory_bytes();
-  const auto rejected = w.commit(sets);
-  CHECK(rejected);
-  if (!rejected) return;
-  CHECK_EQ(rejected->code, Code::limit);
-  CHECK_EQ(rejected->field, "max_memory");
-  CHECK_EQ(rejected->frame, "c");
-  CHECK_EQ(rejected->limit, static_cast<std::int64_t>(kMiB));
-  CHECK_EQ(w.id("b"), 0u);
-  CHECK(w.tree.memory_bytes() <= kMiB);
-  CHECK(w.tree.memory_bytes() < bytes + 20'000);
-  // What was reserved for b is used again.
-  const std::uint64_t before = w.tree.memory_bytes();
-  w.accept(samples("d", 1, 100));
-  CHECK_EQ(w.tree.memory_bytes(), before);
-  CHECK_EQ(w.code(Op::at, "root", "a", 500), Code::ok);
-}
 
 // 33,000 rows into a ring of 33,000 samples took 4 to 6 s: each one moved all later samples.
 TEST(a_commit_out_of_order_is_not_quadratic) {
