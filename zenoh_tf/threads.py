@@ -1,5 +1,5 @@
-"""Threads that do not keep their process alive: their start, their end, pauses, routines, and work
-at a period.
+"""Threads that do not keep their process alive: their start, their end, pauses, and work at a
+period.
 
 Thread safety: all functions, and all methods.
 """
@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Generator, Iterator
-from typing import Any, Final, TypeVar
-
-T = TypeVar("T")
+from collections.abc import Callable, Iterator
+from typing import Final
 
 log = logging.getLogger("zenoh_tf")
 
@@ -38,24 +36,6 @@ def pauses(first_s: float, longest_s: float) -> Iterator[float]:
     while True:
         yield first_s
         first_s = min(2 * first_s, longest_s)
-
-
-def run_steps(steps: Generator[Any, Any, T], take: Callable[[Any], object]) -> T:
-    """Take the steps of a routine one after another in this thread, and return its result. An error
-    of `take` is raised where the routine yielded the step."""
-    outcome: object = None
-    error: Exception | None = None
-    while True:
-        try:
-            step = steps.send(outcome) if error is None else steps.throw(error)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        outcome = error = None
-        try:
-            outcome = take(step)
-        except Exception as failure:
-            error = failure
 
 
 class Periodic:

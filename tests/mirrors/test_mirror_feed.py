@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -23,7 +22,7 @@ from zenoh_tf.errors import ProtocolError, ServerUnavailable
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.own_threads import OwnThreads
 from zenoh_tf.mirrors.source import ServerStatus
-from zenoh_tf.mirrors.steps import Steps
+from zenoh_tf.steps import Ask, Pause, Steps
 from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.process.sharing import SharingSettings
 from zenoh_tf_server.process.upstream import Upstream
@@ -61,7 +60,8 @@ class Server:
     def try_recv(self) -> None:
         return None
 
-    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
+        yield from ()
         if "piece" in body:
             reached, frames = self._log.read_snapshot(0, 1, 1000)
             fields = wire.snapshot_piece_reply(wire.SnapshotPiece(0, reached, 0, frames))
@@ -71,7 +71,11 @@ class Server:
             fields = wire.snapshot_plan_reply(plan)
         return wire.unpack(wire.pack({"v": wire.VERSION, "instance": "i", **fields}))
 
-    def status(self) -> ServerStatus:
+    def status(self) -> Steps[ServerStatus]:
+        status: ServerStatus = yield Ask(zenoh.KeyExpr("hello"), b"", 1.0)
+        return status
+
+    def take(self, step: Ask | Pause) -> ServerStatus:
         return ServerStatus("i", time.monotonic_ns(), 0)
 
 
@@ -147,12 +151,12 @@ def test_a_check_that_ends_at_once_is_followed_by_others(first: str | Exception 
 
 @pytest.mark.parametrize("value", [{}, {"value": 3}, {"value": {}}])
 def test_a_malformed_hello_of_a_primary(value: wire.Message) -> None:
-    primary = Upstream.__new__(Upstream)
-    ask: Callable[..., wire.Message] = lambda *_: {"instance": "i", **value}  # noqa: E731
-    cast(Any, primary)._ask = ask
-    cast(Any, primary).hello = {}
+    primary: Any = Upstream.__new__(Upstream)
+    primary.tree, primary._user, primary._own_id = "main", None, "1"
+    steps = primary.status()
+    assert wire.unpack(next(steps).payload)["what"] == "hello"
     with pytest.raises(ProtocolError):
-        primary.status()
+        steps.send(wire.pack({"v": 1, "instance": "i", **value}))
 
 
 @linux

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 
 import pytest
 
@@ -12,6 +11,7 @@ from tests.support.logged_trees import Mirror, make_tree, state
 from tests.support.small_robot import link
 from zenoh_tf import wire
 from zenoh_tf._core import ChangeLog
+from zenoh_tf.steps import Steps
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
@@ -81,11 +81,11 @@ def test_the_mirror_of_a_server_whose_names_lose_their_ids(
             tf.remove_frame(f"visitor{i}")
         first_piece = threading.Event()
         moved: list[int] = []
-        ask: Callable[..., wire.Message] = MirrorSource.ask
+        ask = MirrorSource.ask
 
         def hold_back(
             self: MirrorSource, request_type: str, body: wire.Message, wait_s: float
-        ) -> wire.Message:
+        ) -> Steps[wire.Message]:
             request = wire.parse_snapshot_request(body) if request_type == "snapshot" else None
             if request is not None and request.after > 0 and not moved:
                 assert first_piece.wait(10)
@@ -93,7 +93,7 @@ def test_the_mirror_of_a_server_whose_names_lose_their_ids(
                 tf.remove_frame("P")
                 tf.set_transform(link("R", "X", 10 * SECOND))
                 tf.set_transform(link("R", "P", 10 * SECOND))
-            reply = ask(self, request_type, body, wait_s)
+            reply = yield from ask(self, request_type, body, wait_s)
             if request is not None and request.after == 0:
                 first_piece.set()
             return reply

@@ -58,7 +58,7 @@ def test_the_packages_keep_all_contracts(copy: Path) -> None:
         (f"{SERVER}/limits.py", "from .streams import interests", "The server's folders"),
         (f"{SDK}/requests/columns.py", "from ..session import steps", "The SDK's folders"),
         (f"{SDK}/helpers.py", "", "The SDK's folders"),
-        (f"{SDK}/session/steps.py", "from . import exchange", "No circles"),
+        (f"{SDK}/session/retries.py", "from . import exchange", "No circles"),
         (f"{TOOLS}/viewer/source.py", "from ..cli import output", "The tools' folders"),
     ],
 )

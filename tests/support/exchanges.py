@@ -13,10 +13,10 @@ import zenoh
 from zenoh_tf import wire
 from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import ServerBusy, TransformException
+from zenoh_tf.steps import Ask, Pause, Steps
 from zenoh_tf_client.requests import writes
 from zenoh_tf_client.session import retries
 from zenoh_tf_client.session.exchange import Exchange
-from zenoh_tf_client.session.steps import Ask, Pause, Steps
 
 TIMEOUT_S = 5.0
 SERVER_AHEAD_NS = 10**15

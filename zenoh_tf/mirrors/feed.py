@@ -38,14 +38,14 @@ from ..errors import (
     TimeoutException,
     TransformException,
 )
+from ..steps import Pause, Steps
 from ..tree import TransformTree
 from .copy import Observer
 from .free_memory import give_back_soon
 from .mirroring import MakeTree, Mirroring, MirrorRequest, make_tree
 from .own_threads import OwnThreads
 from .shared_bytes import SharedBytes
-from .source import Source, State
-from .steps import PART_WAIT_S, Ask, AskStatus, Pause, Runner, Steps
+from .source import Runner, Source, State
 from .stream_guard import Alarm, is_ahead, senders
 
 log = logging.getLogger("zenoh_tf.mirror")
@@ -68,6 +68,9 @@ _CLOCK_PERIODS: Final = 10
 #: The least time between two questions whether another server has come.
 _CHECK_PERIOD_S: Final = 0.1
 _JOIN_TIMEOUT_S: Final = 1.0
+#: How much longer than a plan a part of a copy may take. Many mirrors of a busy machine wait for
+#: each other's parts: if all gave up and asked again, none would ever get one in time.
+_PART_WAIT_S: Final = 25.0
 #: Errors of requests that may end by themselves, and none: then the first copy may still come.
 _MAY_END: Final = (type(None), ServerBusy, ServerRestarted, ServerUnavailable, TimeoutException)
 
@@ -328,8 +331,8 @@ class MirrorFeed:
             return
         begin_ns = now_ns()
         try:
-            wait_s = 0.0 if is_plan else PART_WAIT_S
-            reply = yield Ask(request.request_type, dict(request.body), wait_s)
+            wait_s = 0.0 if is_plan else _PART_WAIT_S
+            reply = yield from self.source.ask(request.request_type, dict(request.body), wait_s)
             if is_plan:
                 if self._interest is not None and "kind" not in reply:
                     raise ServerUnavailable("the server knows no interests")
@@ -378,7 +381,7 @@ class MirrorFeed:
         """Compare this machine's clock with the server's. False: it does not answer."""
         state, begin_ns = self.state, now_ns()
         try:
-            server = yield AskStatus()
+            server = yield from self.source.status()
         except TransformException:
             return False
         self.clock.compared(server.instance, begin_ns, server.clock_ns, server.real_ns)
@@ -394,7 +397,7 @@ class MirrorFeed:
         instance = ""
         try:
             with contextlib.suppress(TransformException):
-                instance = (yield AskStatus()).instance
+                instance = (yield from self.source.status()).instance
             yield Pause(_CHECK_PERIOD_S)
         finally:  # after any other error, too: the next message checks again
             with self._changed:

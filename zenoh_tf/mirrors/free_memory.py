@@ -20,8 +20,8 @@ import os
 from pathlib import Path
 from typing import Final
 
+from ..steps import Pause, Steps
 from ..threads import Periodic
-from .steps import Pause, Steps
 
 _INTERVAL_S: Final = 2.0
 #: Growth after which free memory is given back.

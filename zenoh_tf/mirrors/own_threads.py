@@ -16,7 +16,7 @@ import zenoh
 
 from .. import threads
 from ..errors import ServerUnavailable
-from .steps import Ask, AskStatus, Pause, Steps
+from ..steps import Ask, Pause, Steps, run
 
 if TYPE_CHECKING:
     from .feed import MirrorFeed
@@ -35,7 +35,7 @@ class OwnThreads:
     def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
         """Start a thread for a routine. False: there are too many, or the program is ending."""
         try:
-            threads.start("mirror request", threads.run_steps, steps, partial(_take, feed))
+            threads.start("mirror request", run, steps, partial(_take, feed))
         except RuntimeError:
             return False
         return True
@@ -65,10 +65,8 @@ def _listen_to(feed: MirrorFeed, receiver: Any) -> None:
         feed.take(batch)
 
 
-def _take(feed: MirrorFeed, step: Pause | Ask | AskStatus) -> object:
+def _take(feed: MirrorFeed, step: Ask | Pause) -> object:
     """Take one step of a routine; return its outcome."""
     if isinstance(step, Pause):
         return feed.wait_for_end(step.seconds)
-    if isinstance(step, Ask):
-        return feed.source.ask(step.request_type, step.body, step.wait_s)
-    return feed.source.status()
+    return feed.source.take(step)

@@ -1,21 +1,26 @@
-"""What the feed of a mirror needs from its owner, and what it reports: states and sources.
+"""What the feed of a mirror needs from its owner, and what it reports: sources, runners, states.
 
-Thread safety: `Source` says what its implementations must promise; the rest is immutable.
+Thread safety: all methods; states are immutable.
 
 Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 """
 
 from __future__ import annotations
 
+import threading
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import zenoh
 from zenoh.handlers import RingChannel
 
 from .. import wire
+from ..steps import Ask, Pause, Steps
 from ..tree import TransformTree
+
+if TYPE_CHECKING:
+    from .feed import MirrorFeed
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +65,22 @@ class Source(Protocol):
     def unsubscribe(self, subscriber: zenoh.Subscriber[Any]) -> bool:
         """Undeclare a subscriber; never raises. False: the process is forked."""
 
-    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
         """Send a request, and return the reply, or raise its error. It may take `wait_s` longer
         than others."""
 
-    def status(self) -> ServerStatus:
+    def status(self) -> Steps[ServerStatus]:
         """Ask the server who it is, and for its clock and its last commit."""
+
+    def take(self, step: Ask | Pause) -> object:
+        """Take a step with blocking calls, and return its outcome."""
+
+
+class Runner(Protocol):
+    """Runs the routines of feeds. Thread safety: all methods."""
+
+    def listen(self, feed: MirrorFeed) -> threading.Thread:
+        """Let a thread apply the messages that come, until the feed is closed. Returns it."""
+
+    def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
+        """Take the steps of a routine. False: there is no thread for it."""

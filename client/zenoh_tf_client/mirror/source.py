@@ -17,6 +17,7 @@ from zenoh_tf._zenoh.calls import SessionCalls, is_forked
 from zenoh_tf.errors import ServerBusy
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.source import ServerStatus, State
+from zenoh_tf.steps import Ask, Pause, Steps
 
 from ..publish.publisher import undeclare_unless_closed
 from ..requests.request import Call
@@ -62,19 +63,23 @@ class MirrorSource:
             self._subscribers.remove(subscriber)
         return True
 
-    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
         """Send a request; see `Source`."""
         if self._connection.moves:  # the next server may be behind the last one
             body = body | wire.floor_field(*self._seen())
-        return self._connection.call(Call(request_type, body, lambda reply: reply, wait_s))
+        return self._connection.steps(Call(request_type, body, lambda reply: reply, wait_s))
 
-    def status(self) -> ServerStatus:
+    def status(self) -> Steps[ServerStatus]:
         """Ask the server for its instance id, its clock and its last commit."""
-        server = self._connection.hello()
+        server = yield from self._connection.greet()
         instance, seq = self._seen()
         if server.primary is not None and server.instance == instance and (server.seq or 0) < seq:
             raise ServerBusy(f"the server has commit {server.seq}, and the mirror {seq}: it waits")
         return ServerStatus(server.instance, server.clock_ns, server.seq, server.real_ns)
+
+    def take(self, step: Ask | Pause) -> object:
+        """Take a step; see `Source`."""
+        return self._connection.take(step)
 
     def _seen(self) -> tuple[str, int]:
         """The last commit that the mirror has, and its server instance; "" before the first."""

@@ -14,11 +14,12 @@ import os
 import threading
 import time
 import weakref
+from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeGuard, TypeVar
 
 import zenoh
 
-from zenoh_tf import threads, wire
+from zenoh_tf import wire
 from zenoh_tf._net import keys
 from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf.errors import (
@@ -28,6 +29,7 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf.shared_tree import AskServer
+from zenoh_tf.steps import Ask, Pause, Steps, decode, run
 
 from ..requests import info
 from ..requests.receipt import Receipt, later
@@ -36,7 +38,6 @@ from . import retries
 from .access import Access
 from .floor import Floor
 from .server_info import ServerInfo, parse_server_info
-from .steps import Ask, JudgedQuery, Pause, Steps, decode
 
 T = TypeVar("T")
 
@@ -47,6 +48,14 @@ _CLOCK_PERIOD_S: Final = 10.0
 _FIRST_CLOCK_PERIOD_S: Final = 1.0
 #: How much longer a call may take for it: Zenoh may never end one sent as the server ends.
 _HELLO_TIMEOUT_S: Final = 0.5
+
+
+@dataclass(slots=True)
+class JudgedQuery(Ask):
+    """A query to the server, with what its reply is judged by."""
+
+    deadline_s: float
+    floor: Receipt | None = None  # of the client, if the query names it
 
 
 class ServerUser(Protocol):
@@ -129,9 +138,9 @@ class Exchange:
             return found[0]
         return self.run(self._finish_read(request, query, reply))
 
-    def run(self, steps: Steps[T]) -> T:
-        """Take steps one after another, and return their result."""
-        return threads.run_steps(steps, self.take)
+    def run(self, routine: Steps[T]) -> T:
+        """Take the steps of a routine, and return its result."""
+        return run(routine, self.take)
 
     def take(self, step: Ask | Pause) -> bytes | NoReply | None:
         """Take a step, and return its outcome."""
@@ -145,6 +154,15 @@ class Exchange:
             if not self.was_replaced(queries):
                 raise
             return queries.went_away()
+
+    def greet_at(self, queries: Queries, timeout_s: float) -> None:
+        """As `greet`, by the queries of a session that may become this connection's."""
+
+        def take(step: Ask | Pause) -> bytes | NoReply:
+            assert isinstance(step, Ask)
+            return queries.ask(step.key, step.payload, step.timeout_s)
+
+        run(self.greet(timeout_s), take)
 
     @property
     def closed(self) -> bool:

@@ -19,9 +19,9 @@ import zenoh
 from zenoh_tf import wire
 from zenoh_tf._net.queries import NoReply
 from zenoh_tf.errors import ServerBusy, ServerUnavailable
+from zenoh_tf.steps import Ask, Pause, Steps, decode
 
 from .server_info import ServerInfo
-from .steps import Ask, Pause, Steps, decode
 
 #: A router without the server is asked again for so long, then calls fail at once.
 ABSENT_S: Final = 3.0

@@ -23,9 +23,10 @@ import zenoh
 
 from zenoh_tf import threads
 from zenoh_tf._net.queries import ReplyParts
+from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.shared_bytes import SharedBytes
-from zenoh_tf.mirrors.steps import Ask, AskStatus, Pause, Steps
+from zenoh_tf.steps import Ask, LoopSteps, Outcome, Sent, Steps
 
 from ..ingest.ingest import Ingest
 from ..ingest.put_queues import Put
@@ -47,7 +48,7 @@ _BATCH_BYTES: Final = 1 << 20
 
 
 class Pool:
-    """The `zenoh_tf.mirrors.steps.Runner` of robots, whose sources are `Upstream`."""
+    """The `zenoh_tf.mirrors.source.Runner` of robots, whose sources are `Upstream`."""
 
     def __init__(self, ingest: Ingest, waiting_bytes: int) -> None:
         """`waiting_bytes`: most bytes of robots' messages that wait, of all together."""
@@ -92,7 +93,7 @@ class Pool:
 
     def run(self, feed: MirrorFeed, steps: Steps[None]) -> bool:
         """Take the steps of a routine."""
-        self.spawn(self._take(feed, steps))
+        self._loop.call_soon_threadsafe(_Routine(self._loop, feed, steps).start)
         return True
 
     def add(self, puts: Iterable[Put], *, wait: bool) -> None:
@@ -150,29 +151,35 @@ class Pool:
                 self._streams.remove(streams)
         self._next_s = time.monotonic() + _LEAST_PERIOD_S
 
-    async def _take(self, feed: MirrorFeed, steps: Steps[None]) -> None:
-        source = feed.source
-        assert isinstance(source, Upstream)
-        outcome: Any = None
-        error: Exception | None = None
-        while True:
-            try:
-                step = steps.send(outcome) if error is None else steps.throw(error)
-            except StopIteration:
-                return
-            outcome = error = None
-            try:
-                if isinstance(step, Pause):
-                    await asyncio.sleep(step.seconds)
-                    outcome = feed.closed
-                else:
-                    outcome = await self._ask(source, step)
-            except Exception as failure:  # the routine decides what it means
-                error = failure
 
-    async def _ask(self, source: Upstream, step: Ask | AskStatus) -> object:
-        """The outcome of a request, which waits without a thread."""
-        waiting: asyncio.Future[bytes | None] = self._loop.create_future()
+class _Routine(LoopSteps):
+    """A routine of a feed, whose queries wait without a thread."""
+
+    __slots__ = ("_feed",)
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, feed: MirrorFeed, steps: Steps[None]
+    ) -> None:
+        assert isinstance(feed.source, Upstream)
+        super().__init__(_Sender(loop, feed.source), steps)
+        self._feed = feed
+
+    def _is_over(self) -> bool:
+        return self._feed.closed
+
+    def _done(self, result: None, error: Exception | None) -> None:
+        if error is not None:
+            log.error("internal error in the federation", exc_info=error)
+
+
+class _Sender:
+    """Sends queries to one robot."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, source: Upstream) -> None:
+        self.loop = loop
+        self._source = source
+
+    def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> Sent:
         parts = ReplyParts()
         whole: list[bytes] = []
 
@@ -181,16 +188,22 @@ class Pool:
                 whole.append(data)
 
         def ended() -> None:
+            outcome = self._source.outcome(step, whole[0] if whole else None)
             with contextlib.suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(_set, waiting, whole[0] if whole else None)
+                self.loop.call_soon_threadsafe(arrived, outcome)
 
-        if isinstance(step, Ask):
-            source.send(step.request_type, step.body, replied, ended, step.wait_s)
-            return source.reply(await waiting, step.wait_s)
-        source.send("hello", source.hello, replied, ended)
-        return source.status_of(source.reply(await waiting))
+        try:
+            self._source.send(step, replied, ended)
+        except TransformException as error:
+            return self.loop.call_soon(arrived, error)
+        return _NOT_CANCELLED
 
 
-def _set(waiting: asyncio.Future[bytes | None], data: bytes | None) -> None:
-    if not waiting.done():
-        waiting.set_result(data)
+class _Query:
+    """A query to a robot, which ends by itself."""
+
+    def cancel(self) -> None:
+        """Nothing: no routine of a feed is cancelled."""
+
+
+_NOT_CANCELLED: Final = _Query()

@@ -21,6 +21,7 @@ from zenoh_tf._net.queries import NoReply, Queries
 from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import AccessDenied, ServerUnavailable
 from zenoh_tf.mirrors.source import ServerStatus
+from zenoh_tf.steps import Ask, Pause, Steps, decode, run
 
 from .network import CONNECT_TIMEOUT_S, NetworkError
 
@@ -60,8 +61,8 @@ class Upstream:
         )
         #: What its rules allow this server, as it said last; None if it has no rules.
         self.access: dict[str, Any] | None = None
-        #: The body of a `hello`.
-        self.hello = wire.call_body("hello", user=user, client=own_id)
+        self._user = user
+        self._own_id = own_id
         self._token = session.liveliness().declare_token(keys.client(tree, own_id))
 
     def wait(self, endpoints: Sequence[str], credentials: Credentials) -> None:
@@ -73,7 +74,7 @@ class Upstream:
         deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
         while True:
             try:
-                self.status_of(self._ask("hello", self.hello, 1.0))
+                run(self._status(1.0), self.take)
                 return
             except ServerUnavailable as error:
                 if time.monotonic() < deadline_s:
@@ -103,16 +104,36 @@ class Upstream:
             subscriber.undeclare()
         return True
 
-    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> wire.Message:
+    def ask(self, request_type: str, body: wire.Message, wait_s: float) -> Steps[wire.Message]:
         """Send a request; see `Source`."""
         return self._ask(request_type, body, _REPLY_TIMEOUT_S + wait_s)
 
-    def status(self) -> ServerStatus:
-        """Ask the primary for its instance id, its clock and its last commit."""
-        return self.status_of(self._ask("hello", self.hello, _REPLY_TIMEOUT_S))
+    def status(self) -> Steps[ServerStatus]:
+        """Ask the primary for its instance id, its clock and its last commit; keeps what its rules
+        allow."""
+        return self._status(_REPLY_TIMEOUT_S)
 
-    def status_of(self, reply: wire.Message) -> ServerStatus:
-        """What the reply to `hello` says; keeps what the rules allow."""
+    def take(self, step: Ask | Pause) -> bytes | NoReply:
+        """Send a query, and wait for its outcome; see `Source`."""
+        assert isinstance(step, Ask)
+        return self._queries.ask(step.key, step.payload, step.timeout_s)
+
+    def send(
+        self, step: Ask, replied: Callable[[zenoh.Reply], None], ended: Callable[[], None]
+    ) -> None:
+        """Send a query, and return without its reply; see `Queries.send`."""
+        if not self._is_there():
+            raise ServerUnavailable("it has no server on this network")
+        token = zenoh.CancellationToken()
+        self._queries.send(step.key, step.payload, step.timeout_s, replied, ended, token)
+
+    def outcome(self, step: Ask, data: bytes | None) -> bytes | NoReply:
+        """The outcome of a query that was sent: the reply's bytes, or why there is none."""
+        return self._queries.outcome(data, step.timeout_s)
+
+    def _status(self, timeout_s: float) -> Steps[ServerStatus]:
+        hello = wire.call_body("hello", user=self._user, client=self._own_id)
+        reply = yield from self._ask("hello", hello, timeout_s)
         value = wire.mapping(reply, "value")
         access = value.get("access")
         if access is not None:
@@ -125,37 +146,10 @@ class Upstream:
             wire.integer(value, "real_ns") if "real_ns" in value else None,
         )
 
-    def send(
-        self,
-        request_type: str,
-        body: wire.Message,
-        replied: Callable[[zenoh.Reply], None],
-        ended: Callable[[], None],
-        wait_s: float = 0.0,
-    ) -> None:
-        """Send a request, and return without its reply; see `Queries.send`. It may take `wait_s`
-        longer than others."""
-        if not self._is_there():
-            raise ServerUnavailable("it has no server on this network")
-        key, timeout_s = self._key(request_type), _REPLY_TIMEOUT_S + wait_s
-        token = zenoh.CancellationToken()
-        self._queries.send(key, wire.pack(body), timeout_s, replied, ended, token)
-
-    def reply(self, data: bytes | None, wait_s: float = 0.0) -> wire.Message:
-        """The reply in the bytes of one that was sent with `wait_s`; None: none came. Raises the
-        error that it carries."""
-        return self._parse(self._queries.outcome(data, _REPLY_TIMEOUT_S + wait_s))
-
-    def _ask(self, request_type: str, body: wire.Message, timeout_s: float) -> wire.Message:
-        return self._parse(self._queries.ask(self._key(request_type), wire.pack(body), timeout_s))
-
-    def _key(self, request_type: str) -> zenoh.KeyExpr:
-        return zenoh.KeyExpr(keys.request(self.tree, request_type))
-
-    @staticmethod
-    def _parse(reply: bytes | NoReply) -> wire.Message:
+    def _ask(self, request_type: str, body: wire.Message, timeout_s: float) -> Steps[wire.Message]:
+        key = zenoh.KeyExpr(keys.request(self.tree, request_type))
+        reply = decode((yield Ask(key, wire.pack(body), timeout_s)))
         if isinstance(reply, NoReply):
             raise ServerUnavailable(reply.reason)
-        message = wire.unpack(reply, wire.MAX_REPLY_BYTES)
-        wire.raise_error(message)
-        return message
+        wire.raise_error(reply)
+        return reply

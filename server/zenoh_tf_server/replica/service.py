@@ -22,6 +22,7 @@ from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf.errors import ServerBusy, ServerUnavailable, TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.source import Source, State
+from zenoh_tf.steps import run
 from zenoh_tf.text import quoted
 
 from ..limits import Limits
@@ -221,7 +222,8 @@ class ReplicaService(Handler):
     def _ask_primary(self, instance: str) -> None:
         try:
             hello = wire.call_body("hello") | wire.floor_field(instance, 0)
-            if wire.text(self._source.ask("hello", hello, 0.0), "instance") != instance:
+            reply = run(self._source.ask("hello", hello, 0.0), self._source.take)
+            if wire.text(reply, "instance") != instance:
                 self._add_past(instance)
         except TransformException:  # it is away: the client asks again
             time.sleep(_LATER_S)

@@ -13,10 +13,10 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Final, Generic, TypeVar
 
 from zenoh_tf.errors import ServerUnavailable
+from zenoh_tf.steps import LoopSteps
 
 from ...requests.request import Request
 from ...session.exchange import Exchange
-from .drive import Drive
 from .joining import Joined, join
 from .transport import Transport
 
@@ -62,7 +62,7 @@ class Operation(Generic[T]):
 AnyOperation = Operation[Any]
 
 
-class Message(Drive):
+class Message(LoopSteps):
     """Sends operations together, and gives each its result."""
 
     __slots__ = ("_joined", "_left", "_operations", "_outbox", "waits")

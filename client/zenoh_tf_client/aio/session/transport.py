@@ -18,9 +18,9 @@ import zenoh
 from zenoh_tf._net.queries import ZENOH_TIMEOUT, ReplyParts
 from zenoh_tf._zenoh.thread_states import keep_thread_state
 from zenoh_tf.errors import ServerUnavailable, TransformException
+from zenoh_tf.steps import Ask, Outcome
 
 from ...session.connection import Connection
-from ...session.steps import Ask
 from .threads import Worker
 from .wake import Wake
 
@@ -29,10 +29,9 @@ from .wake import Wake
 #: stopped. They hold more than that.
 _DIRECT_BYTES: Final = 1 << 16
 
-#: The payload of a reply, None for a query that ended without one, or why it was not sent.
-Outcome = bytes | TransformException | None
-#: What arrives: a reply or a part of one, or an outcome.
-_Arrival = zenoh.Reply | Outcome
+#: What arrives: a reply or a part of one, None for a query that ended without one, or why it was
+#: not sent.
+_Arrival = zenoh.Reply | TransformException | None
 
 
 class Transport:
@@ -143,24 +142,29 @@ class SentQuery:
         arrived = self._arrived
         if arrived is not None:
             self.cancel()
-            arrived(ZENOH_TIMEOUT)
+            arrived(self._outcome(ZENOH_TIMEOUT))
 
     def accept(self, arrival: _Arrival) -> None:
         """Report the outcome, if `arrival` completes it."""
         arrived = self._arrived
         if arrived is None:
             return
-        outcome: Outcome
-        if isinstance(arrival, zenoh.Reply):
-            outcome = self._parts.add(arrival)
-            if outcome is None:
+        if isinstance(arrival, TransformException):
+            self._finish()
+            arrived(arrival)
+            return
+        data: bytes | None = None
+        if arrival is not None:
+            data = self._parts.add(arrival)
+            if data is None:
                 return
-            if outcome != ZENOH_TIMEOUT:
+            if data != ZENOH_TIMEOUT:
                 self._transport.record_answer(self._sent_bytes)
-        else:
-            outcome = arrival
         self._finish()
-        arrived(outcome)
+        arrived(self._outcome(data))
+
+    def _outcome(self, data: bytes | None) -> Outcome:
+        return self._transport.opened.queries.outcome(data, self._step.timeout_s)
 
     def _finish(self) -> None:
         self._arrived = None

@@ -11,12 +11,12 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Final, TypeVar
 
 from zenoh_tf import wire
+from zenoh_tf.steps import LoopSteps
 
 from ...requests import info
 from ...requests.lookups import MAY_SUCCEED_LATER
 from ...requests.request import Request
 from ...session.exchange import Exchange
-from .drive import Drive
 from .transport import Transport
 
 T = TypeVar("T")
@@ -84,15 +84,16 @@ class Waits:
         _Cancellation(self._transport, self._exchange, wait_ids, _FIRST_PAUSE_S).start()
 
 
-class _Cancellation(Drive):
+class _Cancellation(LoopSteps):
     """Cancels lookups at the server; repeats it for those that did not wait there yet."""
 
-    __slots__ = ("_exchange", "_pause_s")
+    __slots__ = ("_exchange", "_pause_s", "_transport")
 
     def __init__(
         self, transport: Transport, exchange: Exchange, wait_ids: list[int], pause_s: float
     ) -> None:
         super().__init__(transport, exchange.steps(info.cancel(wait_ids)))
+        self._transport = transport
         self._exchange = exchange
         self._pause_s = pause_s
 

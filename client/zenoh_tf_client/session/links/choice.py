@@ -8,27 +8,21 @@ Thread safety: one thread at a time.
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Sequence
-from typing import Final, TypeVar
+from typing import Final
 
 import zenoh
 
-from zenoh_tf import threads
 from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf._net.queries import NoReply
 from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import ServerUnavailable, TransformException
 
 from ..exchange import Exchange
-from ..steps import Ask, Pause, Steps
 from . import opening
 from .link import Link
 from .served_trees import no_server_message, served_trees
-
-T = TypeVar("T")
 
 _HELLO_PERIOD_S: Final = 0.05
 #: If other trees are served, the wait for one that is not ends after this time.
@@ -39,18 +33,6 @@ _OTHER_TREES_TIMEOUT_S: Final = 0.4
 #: learn of it (eclipse-zenoh/zenoh#2767).
 _ANSWER_S: Final = 1.0
 _DECLARED_S: Final = 0.25
-
-
-def run(link: Link, steps: Steps[T]) -> T:
-    """Run the steps of an exchange over a link, and return their result."""
-    return threads.run_steps(steps, functools.partial(_take, link))
-
-
-def _take(link: Link, step: Ask | Pause) -> bytes | NoReply | None:
-    if isinstance(step, Pause):
-        time.sleep(step.seconds)
-        return None
-    return link.queries.ask(step.key, step.payload, step.timeout_s)
 
 
 class Links:
@@ -122,7 +104,7 @@ class Links:
         while True:
             left_s = deadline_s - time.monotonic()
             try:
-                run(link, self._exchange.greet(max(left_s, 0.1)))
+                self._exchange.greet_at(link.queries, max(left_s, 0.1))
                 return
             except ServerUnavailable:
                 is_last = left_s <= _HELLO_PERIOD_S
@@ -187,7 +169,7 @@ class Links:
         begin_s = time.monotonic()
         while True:
             try:
-                run(link, self._exchange.greet(_ANSWER_S))
+                self._exchange.greet_at(link.queries, _ANSWER_S)
                 return True
             except TransformException:
                 if time.monotonic() - begin_s > _DECLARED_S:
