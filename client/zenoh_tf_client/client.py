@@ -163,6 +163,11 @@ class TransformClient(Lookups, Introspection, Writes):
         return self._connection.tree
 
     @property
+    def connection(self) -> Connection:
+        """Returns the connection, for programs that publish or listen in the same Zenoh session."""
+        return self._connection
+
+    @property
     def reads(self) -> Mode:
         """Returns how a lookup would be answered now.
 

@@ -42,7 +42,7 @@ class TreeObserver:
         self._timeout_s = timeout_s
         self._has_copy = False
         self._queue: deque[wire.Frames | wire.StreamMessage] = deque()
-        source = MirrorSource(client._connection)
+        source = MirrorSource(client.connection)
         self._feed = MirrorFeed(source, self._on_copy, observer=self, keeps_tree=False)
         try:
             self._feed.wait_for_copy(timeout_s)

@@ -48,9 +48,9 @@ def connect(
         if _client is None:
             _client = TransformClient.connect(endpoint or None, tree or None)
         elif (
-            endpoints_of(endpoint or _client._connection.endpoints),
+            endpoints_of(endpoint or _client.connection.endpoints),
             tree or _client.tree_name,
-        ) != (_client._connection.endpoints, _client.tree_name):
+        ) != (_client.connection.endpoints, _client.tree_name):
             raise InvalidArgumentException(
                 f"this process is connected to tree {_client.tree_name!r} at "
                 f"{address(_client.endpoint)}; close() that connection first",

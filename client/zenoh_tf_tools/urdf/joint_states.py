@@ -75,7 +75,7 @@ class JointStateFeed:
             AccessDenied: The server's access rules do not allow to publish as `authority`.
             ServerUnavailable: The client is closed.
         """
-        connection = tf._connection
+        connection = tf.connection
         connection.check_publish(authority)
         self.topic = "/" + topic.strip("/")
         self._domain = domain
