@@ -285,7 +285,8 @@ class MirrorFeed:
         if self.closed:
             return
         m = self.mirroring
-        self._alarm.record(m.contradictions)
+        if m.contradictions:
+            self._alarm.record(m.contradictions)
         has_copy = self._accept_copy()
         for request in m.take_requests():
             if not self._runner.run(self, self._ask(request)):

@@ -20,13 +20,6 @@ from .shared_bytes import SharedBytes
 
 #: What a message costs beside its bytes, roughly.
 _OVERHEAD_BYTES: Final = 1000
-#: What one message may take when it is decoded. Those of a server take a tenth of it.
-_DECODED_BYTES: Final = 128 << 20
-
-
-def decode(data: bytes) -> wire.StreamMessage:
-    """A message of the stream. Raises ProtocolError and LimitExceeded."""
-    return wire.parse_stream(wire.unpack(data, wire.MAX_REPLY_BYTES, _DECODED_BYTES))
 
 
 class _Waiting(NamedTuple):
@@ -46,44 +39,42 @@ class WaitingMessages:
     def __init__(self, room: SharedBytes) -> None:
         """`room`: for what waits here, and in other mirrors that share it."""
         self._room = room
-        self._waiting: deque[_Waiting] = deque()
+        #: Those that wait, from the first on. Others only read it.
+        self.messages: deque[_Waiting] = deque()
         self._bytes = 0
         #: Whether messages are missing between the copy and those that wait.
         self.has_gap = False
         #: The number of the last message that waited when the missed ones were requested.
         self.asked_until = 0
 
-    def __len__(self) -> int:
-        return len(self._waiting)
-
     def add(self, message: wire.StreamMessage, data: bytes) -> bool:
         """Let a message wait, which came as `data`. False if too many bytes do."""
         waiting = _Waiting(message.instance, message.first, message.last, data)
         if not self._room.take(self._bytes, waiting.size):
             return False
-        self._waiting.append(waiting)
+        self.messages.append(waiting)
         self._bytes += waiting.size
         return True
 
     def take_next(self, seq: int) -> wire.StreamMessage | None:
         """Return the next message if it follows `seq`; else there is a gap before it."""
-        self.has_gap = bool(self._waiting) and self._waiting[0].first > seq + 1
-        if self.has_gap or not self._waiting:
+        self.has_gap = bool(self.messages) and self.messages[0].first > seq + 1
+        if self.has_gap or not self.messages:
             return None
-        waiting = self._waiting.popleft()
+        waiting = self.messages.popleft()
         self._free(waiting.size)
-        return decode(waiting.data)
+        return wire.unpack_stream(waiting.data)
 
     def request(self, copy: Copy, interest: wire.Interest | None) -> wire.Message:
         """The request for the messages that the copy lacks."""
-        self.asked_until = max((waiting.last for waiting in self._waiting), default=0)
+        self.asked_until = max((waiting.last for waiting in self.messages), default=0)
         return wire.missed_request(copy.instance, copy.seq + 1, interest)
 
     def close_gap(self, copy: Copy, missed: list[bytes]) -> None:
         """Apply the missed messages."""
         copy.repeats.clear()
         for data in missed:
-            message = decode(data)
+            message = wire.unpack_stream(data)
             if message.first <= copy.seq + 1:
                 copy.repeats[message.last] = hash(data)
                 copy.apply(message)
@@ -91,13 +82,13 @@ class WaitingMessages:
 
     def keep_only(self, instance: str) -> None:
         """Drop the messages of other server instances."""
-        kept = deque(waiting for waiting in self._waiting if waiting.instance == instance)
+        kept = deque(waiting for waiting in self.messages if waiting.instance == instance)
         self._free(self._bytes - sum(waiting.size for waiting in kept))
-        self._waiting = kept
+        self.messages = kept
 
     def clear(self) -> None:
         """Drop all messages."""
-        self._waiting.clear()
+        self.messages.clear()
         self._free(self._bytes)
         self.has_gap = False
 

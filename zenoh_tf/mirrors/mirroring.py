@@ -34,7 +34,7 @@ from ..errors import (
 )
 from ..tree import TransformTree
 from .copy import Copy, Observer
-from .gaps import WaitingMessages, decode
+from .gaps import WaitingMessages
 from .shared_bytes import SharedBytes
 from .source import State
 
@@ -128,7 +128,7 @@ class Mirroring:
         live = self._live
         if live is None:
             return State()
-        synced = not (self._next or self._wants_plan or self._waiting)
+        synced = not (self._next or self._wants_plan or self._waiting.messages)
         return State(live.tree, live.instance, live.seq, live.clock_ns, synced)
 
     @property
@@ -145,7 +145,7 @@ class Mirroring:
 
     def received(self, data: bytes, sender: str | None = None) -> None:
         """Take a message of `sender`'s stream. ProtocolError: nothing has changed."""
-        message = decode(data)
+        message = wire.unpack_stream(data)
         if sender not in (None, message.instance):
             raise ProtocolError("the message names another server instance", field="instance")
         if message.last - message.first >= _MAX_NUMBERS:
@@ -159,7 +159,7 @@ class Mirroring:
         elif (
             copy is not None
             and copy is self._live
-            and not self._waiting
+            and not self._waiting.messages
             and message.first <= copy.seq + 1
         ):
             if copy.repeats and message.first > max(copy.repeats):

@@ -46,19 +46,18 @@ def _listen(feed: MirrorFeed) -> None:
     try:
         while not feed.closed:
             subscriber = feed.subscriber
-            with contextlib.suppress(zenoh.ZError):  # undeclared
+            with contextlib.suppress(zenoh.ZError, ServerUnavailable):  # undeclared, or closed
                 _listen_to(feed, subscriber.handler)
             if subscriber is feed.subscriber:  # no other one has taken its place
                 break
-    except ServerUnavailable:  # the connection is closed
-        pass
     finally:
         feed.end()
 
 
 def _listen_to(feed: MirrorFeed, receiver: Any) -> None:
+    calls = feed.source.calls
     while not feed.closed:
-        with feed.source.calls:
+        with calls:
             batch = [receiver.recv()]
             while len(batch) < _BATCH_MESSAGES and (sample := receiver.try_recv()):
                 batch.append(sample)

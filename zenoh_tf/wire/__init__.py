@@ -113,5 +113,6 @@ from .stream import (
     snapshot_plan_reply,
     snapshot_request,
     stream_body,
+    unpack_stream,
 )
 from .tree_settings import TreeSettings

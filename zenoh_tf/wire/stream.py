@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .._core import Changes, Frames, TransformRows
 from .error_codec import raise_error
 from .fields import (
+    MAX_REPLY_BYTES,
     U32,
     VERSION,
     Message,
@@ -26,6 +27,7 @@ from .fields import (
     mapping,
     raw,
     text,
+    unpack,
 )
 from .interest import Interest
 from .tree_settings import TreeSettings, parse_tree_settings
@@ -42,6 +44,8 @@ ORPHANED: Final = 6
 #: The parent of a sample whose parent was removed, and of an orphaned frame that lost none.
 NO_PARENT: Final = (1 << 32) - 1
 
+#: What one message may take when it is decoded. Those of a server take a tenth of it.
+_DECODED_BYTES: Final = 128 << 20
 #: Of a plan without pieces.
 NO_BOUNDS: Final = np.zeros(0, np.uint32)
 
@@ -122,6 +126,11 @@ def stream_body(message: StreamMessage) -> Message:
     if message.changes is not None:
         body |= message.changes.fields()
     return body
+
+
+def unpack_stream(data: bytes) -> StreamMessage:
+    """A message of the stream. Raises ProtocolError and LimitExceeded."""
+    return parse_stream(unpack(data, MAX_REPLY_BYTES, _DECODED_BYTES))
 
 
 def parse_stream(body: Message) -> StreamMessage:

@@ -61,9 +61,11 @@ class Publisher:
         """Publish a message.
 
         Raises ServerUnavailable if the publisher or its session is closed, and what
-        `Connection.check_writable` raises.
+        `ServerInfo.raise_read_only` raises if the server accepts no writes.
         """
-        self._connection.check_writable()
+        server = self._connection.server
+        if server is not None and server.primary is not None:
+            server.raise_read_only()
         with self._lock, self._calls:
             if self._publisher is None:
                 raise ServerUnavailable("the broadcaster is closed")

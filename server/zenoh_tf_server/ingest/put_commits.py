@@ -102,7 +102,8 @@ class PutCommits:
             if put.done is not None:
                 put.done(True)
             stored_puts += 1
-            self._refusals.accept(put.authority)
+            if put.authority not in self._refusals.accepted:
+                self._refusals.accept(put.authority)
             if put.static or not len(commit.rows):
                 continue
             if put.authority != measured:  # one of those that came together suffices

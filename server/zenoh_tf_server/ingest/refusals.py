@@ -35,16 +35,16 @@ class Refusals:
         self._lock = threading.Lock()
         self._by_reason = Counter[str]()  # of all authorities
         # Both: least recently refused, or first accepted, first.
-        self._accepted = BoundedMap[str, _Refused](_MAX_ACCEPTED)
+        self.accepted = BoundedMap[str, _Refused](_MAX_ACCEPTED)
         self._never_accepted = BoundedMap[str, _Refused](limits.refused_authorities)
 
     def accept(self, authority: str) -> None:
         """Record that a message of `authority` was accepted."""
-        if authority in self._accepted or not authority:
+        if authority in self.accepted or not authority:
             return
         with self._lock:
             entry = self._never_accepted.pop(authority, None)
-            self._accepted[authority] = entry or _Refused()
+            self.accepted[authority] = entry or _Refused()
 
     def refuse(self, authority: str, by_reason: Mapping[str, int], reason: str) -> None:
         """Count refused transforms of `authority`, and remember why.
@@ -74,7 +74,7 @@ class Refusals:
         """Forget why transforms were refused, as the tree was reset: the reasons name frames that
         are gone. The counts stay: metrics have them."""
         with self._lock:
-            for entries in (self._accepted, self._never_accepted):
+            for entries in (self.accepted, self._never_accepted):
                 for entry in entries.values():
                     entry.last_reason = None
 
@@ -83,7 +83,7 @@ class Refusals:
         with self._lock:
             refused = {
                 name: _fields(entry)
-                for entries in (self._accepted, self._never_accepted)
+                for entries in (self.accepted, self._never_accepted)
                 for name, entry in entries.items()
                 if entry.by_reason or entry.dropped_puts
             }
@@ -96,9 +96,9 @@ class Refusals:
 
     def _entry(self, authority: str) -> _Refused:
         """The entry of an authority, which becomes the one refused last."""
-        entry = self._accepted.get(authority)
+        entry = self.accepted.get(authority)
         if entry is not None:
-            self._accepted.move_to_end(authority)
+            self.accepted.move_to_end(authority)
             return entry
         entry = self._never_accepted[authority] = self._never_accepted.get(authority) or _Refused()
         return entry
