@@ -18,7 +18,7 @@ from foxglove.websocket import ChannelView, Client, ServerListener, StatusLevel,
 
 from zenoh_tf.text import quoted
 from zenoh_tf_tools.errors import CommandError
-from zenoh_tf_tools.viewer.source import Link, ViewedTree
+from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 
 TOPIC: Final = "/tf"
 #: How often everybody gets all links, in seconds.
@@ -105,7 +105,7 @@ class FoxgloveBridge(ServerListener):
         """End all connections."""
         self._server.stop()
 
-    def _send(self, links: Sequence[Link]) -> None:
+    def _send(self, links: Sequence[ViewedLink]) -> None:
         links = [link for link in links if _stamp(link) in _STAMPS_NS]
         answers = self._source.lookups.lookup_transforms(
             [str(link.parent) for link in links],
@@ -128,7 +128,7 @@ class FoxgloveBridge(ServerListener):
             log_ns = min(max(self._time_ns, 0), _STAMPS_NS[-1])
             self._channel.log(FrameTransforms(transforms=transforms), log_time=log_ns)
 
-    def _report(self, links: Sequence[Link]) -> None:
+    def _report(self, links: Sequence[ViewedLink]) -> None:
         """Show trouble in the app's list of problems."""
         trouble = self._source.trouble()
         if trouble is None:
@@ -143,10 +143,10 @@ class FoxgloveBridge(ServerListener):
         self._trouble = trouble
 
 
-def _stamp(link: Link) -> int:
+def _stamp(link: ViewedLink) -> int:
     return link.sample_ns or 0
 
 
-def _sent(link: Link) -> tuple[object, ...]:
+def _sent(link: ViewedLink) -> tuple[object, ...]:
     """What is sent again once it has changed."""
     return link.parent, link.sample_ns, link.static

@@ -15,7 +15,7 @@ from zenoh_tf import TransformTree, wire
 from zenoh_tf._net import keys
 
 from . import federation, motion_limits, ros2
-from .federation.robot import Robot
+from .federation.robot import RobotTree
 from .ingest.ingest import Ingest
 from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
@@ -26,7 +26,7 @@ from .requests.guard import RequestGuard
 from .requests.service import Service
 from .requests.surroundings import Surroundings
 from .settings import ServerSettings
-from .state.state import State
+from .state.state import StoredState
 from .streams.interests import Interests
 from .streams.snapshots import Snapshots
 from .streams.stream import Stream
@@ -50,7 +50,7 @@ class Server(RunningServer):
             stack.callback(shared.close)
             tree = shared.make_tree(functools.partial(_make_tree, settings))
             tree._begin_startup(0, limits.startup_ms * 1_000_000)
-            state = State(settings.state, tree, settings.tree, limits)
+            state = StoredState(settings.state, tree, settings.tree, limits)
             stack.callback(state.close)
             session = network.open_session(
                 settings.listen,
@@ -74,7 +74,7 @@ class Server(RunningServer):
             clients.when_gone(interests.client_gone)
             snapshots = Snapshots(tree, stream, interests, instance, _settings_of(tree, settings))
             outgoing = ros2.publish(settings.ros2, session, tree, state.links, stack)
-            robots: dict[str, Robot] = {}
+            robots: dict[str, RobotTree] = {}
             around = Surroundings(
                 is_connected=clients.is_connected,
                 addresses=functools.partial(network.addresses, session),
@@ -134,7 +134,7 @@ def _make_service(
     loop: asyncio.AbstractEventLoop,
     session: zenoh.Session,
     tree: TransformTree,
-    state: State,
+    state: StoredState,
     instance: str,
     around: Surroundings,
 ) -> Service:

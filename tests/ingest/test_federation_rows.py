@@ -20,14 +20,14 @@ from zenoh_tf_server.limits import Limits
 Refused = list[tuple[str, int, TransformException]]
 
 
-def rows_of(most: int = 1 << 20) -> tuple[rows.Rows, Refused]:
+def rows_of(most: int = 1 << 20) -> tuple[rows.RobotRows, Refused]:
     refused: Refused = []
 
     def refuse(authority: str, count: int, error: TransformException) -> None:
         refused.append((authority, count, error))
 
     share = quota.FrameQuota("r", TransformTree(max_frames=100), most)
-    return rows.Rows("r", ("map",), 100_000, share, refuse), refused
+    return rows.RobotRows("r", ("map",), 100_000, share, refuse), refused
 
 
 def frames(count: int, samples: int = 1, authorities: tuple[str, ...] = ("wheels",)) -> wire.Frames:

@@ -22,7 +22,7 @@ from zenoh_tf_server.limits import Limits
 from zenoh_tf_server.requests.service import Service
 from zenoh_tf_server.state import writer as state_writer
 from zenoh_tf_server.state.file import Changes, StateFile, StoredLink, Table
-from zenoh_tf_server.state.state import State, StateSettings
+from zenoh_tf_server.state.state import StateSettings, StoredState
 
 FRAMES = [f"frame {number}" for number in range(6)]
 THREADS = 4
@@ -44,7 +44,7 @@ def put(service: Service, what: wire.Commit) -> None:
         raise outcome
 
 
-def write_at_random(service: Service, state: State, seed: int) -> None:
+def write_at_random(service: Service, state: StoredState, seed: int) -> None:
     chance = random.Random(seed)
     for number in range(WRITES):
         names = chance.sample(FRAMES, chance.randint(1, 3))
@@ -78,7 +78,7 @@ def test_the_file_has_what_the_tree_has(tmp_path: Path, concurrency: str) -> Non
     limits = Limits()
     for round_ in range(ROUNDS):
         tree = TransformTree(1e6, concurrency)  # type: ignore[arg-type]
-        state = State(StateSettings(tmp_path), tree, "main", limits)
+        state = StoredState(StateSettings(tmp_path), tree, "main", limits)
         service = Service(tree, "main", "instance", limits, loop, state.links)
         state.links.reset(NEVER)
         seeds = range(chance + THREADS * round_, chance + THREADS * (round_ + 1))
@@ -117,7 +117,7 @@ class OvertakenTree:
 def test_a_dynamic_commit_right_after_a_static_one(tmp_path: Path) -> None:
     tree: Any = OvertakenTree(TransformTree())
     loop, limits = asyncio.new_event_loop(), Limits()
-    state = State(StateSettings(tmp_path), tree, "main", limits)
+    state = StoredState(StateSettings(tmp_path), tree, "main", limits)
     service = Service(tree, "main", "instance", limits, loop, state.links)
     dynamic = threading.Thread(target=lambda: put(service, commit(["a"], 2, static=False)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from zenoh_tf_tools.viewer.controls.frame_tree import Row, page_of, rows, with_descendants
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 PARENTS = {
     "map": None,
@@ -13,7 +13,9 @@ PARENTS = {
     "camera": "base",
     "ball": "sky",
 }
-LINKS = {name: Link(name, parent, True, 0, None, None, "") for name, parent in PARENTS.items()}
+LINKS = {
+    name: ViewedLink(name, parent, True, 0, None, None, "") for name, parent in PARENTS.items()
+}
 
 
 def test_each_frame_stands_before_its_children() -> None:
@@ -40,7 +42,9 @@ def test_what_hangs_on_a_frame() -> None:
 
 def test_a_loop_ends() -> None:
     """Links that were read while the tree changed."""
-    loop = {name: Link(name, parent, True, 0, None, None, "") for name, parent in ("ab", "ba")}
+    loop = {
+        name: ViewedLink(name, parent, True, 0, None, None, "") for name, parent in ("ab", "ba")
+    }
     assert rows(loop) == []
     assert with_descendants(loop, "a") == {"a", "b"}
 

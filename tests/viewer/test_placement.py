@@ -9,17 +9,19 @@ import pytest
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_tools.viewer.placement import place, roots_by_size
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 from zenoh_tf_tools.viewer.trails import MAX_TRAILS, trail_segments
 
 S = 10**9
 
 
-def link(name: str, parent: str | None, at_ns: int | None = 0, age_s: float | None = 0.0) -> Link:
-    return Link(name, parent, False, at_ns, None if parent is None else age_s, None, "")
+def link(
+    name: str, parent: str | None, at_ns: int | None = 0, age_s: float | None = 0.0
+) -> ViewedLink:
+    return ViewedLink(name, parent, False, at_ns, None if parent is None else age_s, None, "")
 
 
-def random_tree(frames: int) -> tuple[TransformTree, dict[str, Link]]:
+def random_tree(frames: int) -> tuple[TransformTree, dict[str, ViewedLink]]:
     chance = random.Random(7)
     tree = TransformTree()
     links = {"f0": link("f0", None, None)}
@@ -48,7 +50,7 @@ def test_poses_are_those_of_latest_lookups(fixed: str) -> None:
 
 def test_trees_that_are_not_connected_are_named() -> None:
     tree = TransformTree()
-    links: dict[str, Link] = {}
+    links: dict[str, ViewedLink] = {}
     for parent, child in (("map", "base"), ("base", "arm"), ("world", "ball")):
         tree.set_transform(StampedTransform(parent, child, 1, Transform()))
         links |= {parent: links.get(parent, link(parent, None)), child: link(child, parent, 1)}

@@ -14,7 +14,7 @@ from zenoh_tf.recordings import open_recording
 from zenoh_tf_client import Mirror, TransformClient
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 S = 10**9
 
@@ -25,7 +25,7 @@ def mirror(client: TransformClient) -> Iterator[Mirror]:
         yield mirror
 
 
-def links(source: LiveSource, time_ns: int) -> dict[str, Link]:
+def links(source: LiveSource, time_ns: int) -> dict[str, ViewedLink]:
     found = {name: source.link(name, time_ns) for name in source.names()}
     return {name: link for name, link in found.items() if link is not None}
 

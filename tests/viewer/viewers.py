@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_tools.doctor import TreeFacts
 from zenoh_tf_tools.viewer.models import Model
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 from zenoh_tf_tools.viewer.viewer import Options, Viewer
 
 S = 10**9
@@ -34,14 +34,14 @@ class Tree:
     def names(self) -> list[str]:
         return self.lookups.frames()
 
-    def link(self, name: str, time_ns: int, *, past: bool = False) -> Link | None:
+    def link(self, name: str, time_ns: int, *, past: bool = False) -> ViewedLink | None:
         if name not in self.lookups.frames():
             return None
         frame = self.lookups.frame(name)
         stamp_ns = frame.newest_stamp_ns
         moves = not frame.static and frame.parent is not None and stamp_ns is not None
         age_s = (time_ns - (stamp_ns or 0)) / 1e9 if moves else None
-        return Link(name, frame.parent, frame.static, stamp_ns, age_s, None, frame.authority)
+        return ViewedLink(name, frame.parent, frame.static, stamp_ns, age_s, None, frame.authority)
 
     def now_ns(self, links: Any) -> int:
         return self.time_ns

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from .link_sockets import LinkSocket, LinkSockets
-from .server_parts import Clients
+from .server_parts import ConnectedClients
 
 #: A link that is writable accepts this much, whatever the kernel has free: Zenoh's own queue has
 #: room for two batches of 64 KiB.
@@ -32,7 +32,7 @@ BROKEN: Final = -1
 class OutboxLinks:
     """The links of clients, and whether they have room."""
 
-    def __init__(self, sockets: LinkSockets, clients: Clients) -> None:
+    def __init__(self, sockets: LinkSockets, clients: ConnectedClients) -> None:
         self._sockets = sockets
         self._clients = clients
 

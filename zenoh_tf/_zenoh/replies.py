@@ -35,7 +35,7 @@ import zenoh
 from .. import threads
 from ..errors import LimitExceeded, TransformException
 from .outbox_links import BROKEN, UNCHECKED_ROOM, WHOLE_ROOM, OutboxLinks
-from .server_parts import Share
+from .server_parts import UnreadBytes
 
 log = logging.getLogger("zenoh_tf.server")
 
@@ -149,7 +149,7 @@ class Replies:
     def __init__(
         self,
         links: OutboxLinks,
-        unread: Share,
+        unread: UnreadBytes,
         cut_off_bytes: int,
         encode: Callable[[Exception], bytes],
     ) -> None:

@@ -7,7 +7,7 @@ from typing import Protocol
 from ..errors import TransformException
 
 
-class Clients(Protocol):
+class ConnectedClients(Protocol):
     """Who is connected, by ids. All other clients together have the id ""."""
 
     #: The id in the queries of the server to itself.
@@ -20,7 +20,7 @@ class Clients(Protocol):
         """True if the client is or was connected, though its link may still be there."""
 
 
-class Share(Protocol):
+class UnreadBytes(Protocol):
     """How many bytes of replies wait for each client, and why one may not have more."""
 
     #: Of all clients together. Changed under the lock of `Replies`, read without.

@@ -85,7 +85,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Publisher:
+class TopicPublisher:
     """A publisher as its token describes it."""
 
     zid: str  # the Zenoh id of its session
@@ -153,7 +153,7 @@ def session_histories(data: str, zid: str) -> str:
     return f"{data}/{_HISTORY}/pub/{zid}/**"
 
 
-def parse_publisher(token: str) -> Publisher | None:
+def parse_publisher(token: str) -> TopicPublisher | None:
     """The publisher of a token; None if it is not the token of one."""
     if len(token) > _MAX_KEY_BYTES:
         return None
@@ -174,10 +174,10 @@ def parse_publisher(token: str) -> Publisher | None:
     node, data = "/" + "/".join(session + names), [*session, rest[1], *path, *rest[10:12]]
     # reliability:durability:...
     is_latched = rest[12].split(":")[1:2] == [_TRANSIENT_LOCAL]
-    return Publisher(rest[2], topic, node, "/".join(rest), "/".join(data), is_latched)
+    return TopicPublisher(rest[2], topic, node, "/".join(rest), "/".join(data), is_latched)
 
 
-def _bridge_publisher(chunks: list[str], token: str) -> Publisher | None:
+def _bridge_publisher(chunks: list[str], token: str) -> TopicPublisher | None:
     if len(chunks) != 7 or chunks[2:4] != [_RMW_TOKEN, "MP"]:
         return None
     path = chunks[4].split("§")
@@ -186,7 +186,7 @@ def _bridge_publisher(chunks: list[str], token: str) -> Publisher | None:
     topic = Topic(path[-1], "/".join(path[:-1]), None)
     # keyless:reliability:durability:...
     is_latched = chunks[6].split(":")[2:3] == [_TRANSIENT_LOCAL]
-    return Publisher(chunks[1], topic, None, token, "/".join(path), is_latched)
+    return TopicPublisher(chunks[1], topic, None, token, "/".join(path), is_latched)
 
 
 def history_publisher(token: str) -> tuple[str, str] | None:

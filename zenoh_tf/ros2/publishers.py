@@ -21,7 +21,7 @@ from .._core import TransformRows
 from ..bounded_map import BoundedMap
 from ..text import quoted
 from . import attachment, keys
-from .keys import MessageType, Publisher, Topic
+from .keys import MessageType, Topic, TopicPublisher
 from .topics import Received
 
 #: What the authorities of ROS 2 publishers begin with.
@@ -52,7 +52,7 @@ Decode = Callable[[bytes], TransformRows]
 
 
 @dataclass(slots=True, eq=False)
-class Source:
+class TopicSource:
     """Where messages come from: one for each publisher, as far as it is known."""
 
     authority: str
@@ -82,8 +82,8 @@ class Publishers:
         session: zenoh.Session,
         kind: MessageType,
         warn: Callable[[str, str], None],
-        found: Callable[[Publisher], None] = lambda _: None,
-        gone: Callable[[Publisher], None] = lambda _: None,
+        found: Callable[[TopicPublisher], None] = lambda _: None,
+        gone: Callable[[TopicPublisher], None] = lambda _: None,
     ) -> None:
         """Begin to follow, and return when those that are there now are known.
 
@@ -101,9 +101,9 @@ class Publishers:
         self._lock = threading.Condition()
         self._patience_s = _PATIENCE_S
         self._waited_s = time.monotonic()
-        self._by_token: dict[str, Publisher] = {}
-        self._by_gid: dict[bytes, Publisher] = {}
-        self._sources = BoundedMap[tuple[str, bytes | None, str | None], Source](_MAX_SOURCES)
+        self._by_token: dict[str, TopicPublisher] = {}
+        self._by_gid: dict[bytes, TopicPublisher] = {}
+        self._sources = BoundedMap[tuple[str, bytes | None, str | None], TopicSource](_MAX_SOURCES)
         self._subscribers: list[zenoh.Subscriber[Any]] = []
         self._own_zid = str(session.info.zid())
         for tokens in keys.publishers(kind):
@@ -123,7 +123,7 @@ class Publishers:
     def __len__(self) -> int:
         return len(self._by_token)
 
-    def source(self, message: Received) -> Source:
+    def source(self, message: Received) -> TopicSource:
         """The source of a message; the same one for all messages of a publisher."""
         known = self._sources.get((message.key, message.gid, message.zid))
         return known if known is not None else self._add_source(message)
@@ -165,14 +165,14 @@ class Publishers:
 
     # --- sources
 
-    def _add_source(self, message: Received) -> Source:
+    def _add_source(self, message: Received) -> TopicSource:
         with self._lock:
             self._wait_for_token(message.gid)
             publisher = self._publisher(message)
             authority = self._authority(message, publisher)
             zid = publisher.zid if publisher is not None else message.zid
             is_copy = not message.key.endswith(self._kind.hash) and self._is_server(zid)
-            source = Source(authority, message.key, zid, message.gid, message.topic, is_copy)
+            source = TopicSource(authority, message.key, zid, message.gid, message.topic, is_copy)
             # Kept although a token may come later: a publisher must not change its name.
             self._sources[message.key, message.gid, message.zid] = source
         return source
@@ -189,7 +189,7 @@ class Publishers:
         self._waited_s = time.monotonic()
         self._patience_s -= self._waited_s - now_s
 
-    def _publisher(self, message: Received) -> Publisher | None:
+    def _publisher(self, message: Received) -> TopicPublisher | None:
         """The publisher of a message, by its id, by its session, or because it is the only one."""
         if message.gid is not None and message.gid in self._by_gid:
             return self._by_gid[message.gid]
@@ -207,7 +207,7 @@ class Publishers:
             each.zid == zid and each.node == f"/{NODE}" for each in self._by_token.values()
         )
 
-    def _authority(self, message: Received, publisher: Publisher | None) -> str:
+    def _authority(self, message: Received, publisher: TopicPublisher | None) -> str:
         topic = message.topic
         if topic.is_bridged:
             name = f"ros2dds:/{topic.namespace}"
@@ -223,7 +223,7 @@ class Publishers:
             name += f"@{zid[:_SHORT_ID]}"
         return name[:_LONGEST_AUTHORITY]
 
-    def _has_namesake(self, publisher: Publisher) -> bool:
+    def _has_namesake(self, publisher: TopicPublisher) -> bool:
         """True if another session has a node, or a bridge, of the same name."""
         return any(
             each.zid != publisher.zid

@@ -16,7 +16,7 @@ from ..requests.batch import BatchRequest
 from ..requests.batch_operations import BatchOperations
 from ..requests.handle import Handle
 from ..requests.request import Request
-from .session.connection import Connection
+from .session.connection import AsyncConnection
 
 T = TypeVar("T")
 
@@ -33,7 +33,7 @@ class AsyncBatch(BatchOperations):
     Concurrency: one thread or task at a time.
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: AsyncConnection) -> None:
         """Use `AsyncTransformClient.batch` instead."""
         self._connection = connection
         self._recorded: list[tuple[Request[Any], Handle[Any]]] = []

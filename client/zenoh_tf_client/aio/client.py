@@ -21,7 +21,7 @@ from ..session.public import own_methods
 from .batch import AsyncBatch
 from .introspection import AsyncIntrospection
 from .lookups import AsyncLookups
-from .session.connection import Connection
+from .session.connection import AsyncConnection
 from .session.threads import in_thread
 from .transaction import AsyncTransaction, repeat
 from .writes import AsyncWrites
@@ -59,7 +59,7 @@ class AsyncTransformClient(AsyncLookups, AsyncIntrospection, AsyncWrites):
         ``async with await AsyncTransformClient.connect() as tf: print(await tf.frames())``
     """
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: AsyncConnection) -> None:
         """Use `AsyncTransformClient.connect` instead.
 
         Args:
@@ -68,7 +68,7 @@ class AsyncTransformClient(AsyncLookups, AsyncIntrospection, AsyncWrites):
         Raises:
             TypeError: `connection` is something else, such as an endpoint.
         """
-        if not isinstance(connection, Connection):
+        if not isinstance(connection, AsyncConnection):
             raise TypeError(
                 f"AsyncTransformClient needs an open connection, not {connection!r}; "
                 "use await AsyncTransformClient.connect(endpoint, tree, timeout_s)"
@@ -102,7 +102,7 @@ class AsyncTransformClient(AsyncLookups, AsyncIntrospection, AsyncWrites):
         credentials = environment.client_credentials() if credentials is None else credentials
         reads = environment.reads() if reads is None else reads
         check(reads)
-        return cls(await Connection.open(endpoint, tree, timeout_s, credentials, reads))
+        return cls(await AsyncConnection.open(endpoint, tree, timeout_s, credentials, reads))
 
     def __repr__(self) -> str:
         return repr(self._blocking).replace("<", "<Async", 1)

@@ -12,7 +12,7 @@ from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from ..requests import estimates, info, lookups
 from ..requests.request import Request
-from .session.connection import Connection
+from .session.connection import AsyncConnection
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -25,7 +25,7 @@ class AsyncReads:
     asks the server.
     """
 
-    _connection: Connection
+    _connection: AsyncConnection
     #: The server's memory. Lookups there take so little time that every step before them counts.
     _tree: SharedTree
 

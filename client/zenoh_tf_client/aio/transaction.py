@@ -36,7 +36,7 @@ from zenoh_tf.shared_tree import AskServer
 from ..requests import columns, lookups, writes
 from ..requests.lookups import Lookup, VersionedRead
 from ..session.mapped_tree import MappedTree
-from .session.connection import Connection
+from .session.connection import AsyncConnection
 
 T = TypeVar("T")
 
@@ -56,7 +56,7 @@ class AsyncTransaction:
     Concurrency: one thread or task at a time.
     """
 
-    def __init__(self, connection: Connection, mapped: MappedTree) -> None:
+    def __init__(self, connection: AsyncConnection, mapped: MappedTree) -> None:
         """Use `AsyncTransformClient.transaction` instead."""
         self._connection = connection
         self._mapped = mapped

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from zenoh_tf import StampedTransform
 
 from ..requests import writes
-from .session.connection import Connection
+from .session.connection import AsyncConnection
 
 
 class AsyncWrites:
     """A base of `AsyncTransformClient`, which has the connection."""
 
-    _connection: Connection
+    _connection: AsyncConnection
 
     async def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False

@@ -29,8 +29,8 @@ ABSENT_S: Final = 3.0
 PAUSE_S: Final = 0.02
 
 
-class Exchange(Protocol):
-    """What is needed of the `Exchange` that retries."""
+class RetryingExchange(Protocol):
+    """What is needed of the `RetryingExchange` that retries."""
 
     timeout_s: float
     moves: bool
@@ -49,7 +49,7 @@ class Exchange(Protocol):
 class Absence:
     """How long a router has been there without the server, as the queries of a client found."""
 
-    def __init__(self, exchange: Exchange) -> None:
+    def __init__(self, exchange: RetryingExchange) -> None:
         self._exchange = weakref.ref(exchange)
         self._since_s: float | None = None
 
@@ -78,8 +78,8 @@ class Absence:
         return now_s + PAUSE_S < min(deadline_s, since_s + ABSENT_S)
 
 
-def greet(exchange: Exchange) -> Steps[ServerInfo]:
-    """As `Exchange.greet`, of a server that may not be there yet."""
+def greet(exchange: RetryingExchange) -> Steps[ServerInfo]:
+    """As `RetryingExchange.greet`, of a server that may not be there yet."""
     deadline_s = time.monotonic() + exchange.timeout_s
     while True:
         try:
@@ -91,7 +91,7 @@ def greet(exchange: Exchange) -> Steps[ServerInfo]:
 
 
 def while_busy(
-    exchange: Exchange,
+    exchange: RetryingExchange,
     reply: wire.Message | NoReply,
     key: zenoh.KeyExpr,
     payload: bytes,

@@ -16,7 +16,7 @@ from zenoh_tf import StampedTransform, threads
 from zenoh_tf._zenoh.calls import is_forked, raise_if_forked
 from zenoh_tf.errors import ServerUnavailable, ServiceException
 from zenoh_tf_client.aio.client import AsyncTransformClient
-from zenoh_tf_client.aio.session.connection import Connection
+from zenoh_tf_client.aio.session.connection import AsyncConnection
 from zenoh_tf_client.aio.session.waits import in_rounds
 from zenoh_tf_client.client import TransformClient
 
@@ -104,6 +104,6 @@ class WaitLoop:
     async def _main(self, started: Future[asyncio.AbstractEventLoop]) -> None:
         #: For the coroutines that `start` runs.
         owner = self._owner
-        self.client = AsyncTransformClient(Connection(owner._connection, owner._mapped))
+        self.client = AsyncTransformClient(AsyncConnection(owner._connection, owner._mapped))
         started.set_result(asyncio.get_running_loop())
         await self._end.wait()  # `asyncio.run` then cancels what is left

@@ -38,7 +38,7 @@ def watch(
     """
     observer = _observer(tf, timeout_s)
     try:
-        window = _Window(tf)
+        window = _TimeWindow(tf)
         while True:
             while (left_s := window.start_s + observe_s - time.monotonic()) > 0:
                 if observer is not None:
@@ -52,13 +52,13 @@ def watch(
                 continue
             elif observer is not None:
                 observer.renew()
-            window = _Window(tf)
+            window = _TimeWindow(tf)
     finally:
         if observer is not None:
             observer.close()
 
 
-class _Window:
+class _TimeWindow:
     """The records of a tree at the beginning of a time."""
 
     def __init__(self, tf: TransformClient) -> None:

@@ -65,11 +65,11 @@ def show(args: argparse.Namespace, document: object, text: str) -> None:
         print(text)
 
 
-class _Tree(Protocol):
+class _ShownTree(Protocol):
     def latest_common_time(self, a: str, b: str) -> int | None: ...
 
 
-def is_static(tree: _Tree, stamp_ns: int, a: str, b: str) -> bool:
+def is_static(tree: _ShownTree, stamp_ns: int, a: str, b: str) -> bool:
     """Return whether an answer about two frames holds at all times.
 
     Such an answer has the stamp 0. So may a sample, so the tree is asked about that stamp.
@@ -82,7 +82,7 @@ def is_static(tree: _Tree, stamp_ns: int, a: str, b: str) -> bool:
         return False
 
 
-def show_answer(args: argparse.Namespace, tree: _Tree, answer: StampedTransform) -> None:
+def show_answer(args: argparse.Namespace, tree: _ShownTree, answer: StampedTransform) -> None:
     """Print the result of a lookup in `tree` at once."""
     static = not args.json and is_static(
         tree, answer.stamp_ns, answer.parent_frame, answer.child_frame

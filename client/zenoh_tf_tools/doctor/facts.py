@@ -11,7 +11,7 @@ from zenoh_tf.introspection.explain import is_stopped, stopped_after_s
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.text.times import reference_ns
 from zenoh_tf_tools.doctor.observation import Seen
-from zenoh_tf_tools.doctor.timing import PAUSE_PERIODS, Pause
+from zenoh_tf_tools.doctor.timing import PAUSE_PERIODS, ArrivalPause
 
 #: Rare events are reported for so long, though nobody observed them.
 _RECENT_S: Final = 600.0
@@ -178,7 +178,7 @@ class TreeFacts:
             path[name] = None
         return [*path]
 
-    def pauses(self, link: LinkFacts) -> list[Pause]:
+    def pauses(self, link: LinkFacts) -> list[ArrivalPause]:
         """Return the times in which no sample of a link came, without those in which no sample of
         any link did: then the network, the simulator or the recorder stood still.
 
@@ -191,7 +191,7 @@ class TreeFacts:
             if not self._is_shared(link, pause)
         ]
 
-    def _is_shared(self, link: LinkFacts, pause: Pause) -> bool:
+    def _is_shared(self, link: LinkFacts, pause: ArrivalPause) -> bool:
         length_ns = pause.end_ns - pause.start_ns
         others = [
             seen.timing

@@ -30,7 +30,7 @@ Pose = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Replacement:
+class StaticReplacement:
     """A static link's value was replaced by another one.
 
     Attributes:
@@ -71,7 +71,7 @@ class Seen:
     authority: str
     timing: Timing = field(default_factory=Timing)
     motion: Motion = field(default_factory=Motion)
-    replaced: Replacement | None = None
+    replaced: StaticReplacement | None = None
     norm_error: float = 0.0
 
 
@@ -79,7 +79,7 @@ class Observation:
     """Gathers what is seen of each link."""
 
     def __init__(self) -> None:
-        self._links: dict[str, _Link] = {}
+        self._links: dict[str, _ObservedLink] = {}
         #: The first and the last arrival, nanoseconds.
         self.first_ns: int | None = None
         self.last_ns = 0
@@ -94,7 +94,7 @@ class Observation:
             poses: (n, 7) of child in parent.
         """
         if child not in self._links:
-            self._links[child] = link = _Link(parent, False, poses[-1], "")
+            self._links[child] = link = _ObservedLink(parent, False, poses[-1], "")
             link.load(stamps[-_CHUNK:], poses[-_CHUNK:])
 
     def add(
@@ -123,7 +123,7 @@ class Observation:
             self.came(arrival_ns)
         link = self._links.get(child)
         if link is None:
-            self._links[child] = link = _Link(parent, static, pose, authority)
+            self._links[child] = link = _ObservedLink(parent, static, pose, authority)
         elif parent != link.seen.parent or static != link.seen.static:
             link.restart()
         elif static:
@@ -155,7 +155,7 @@ class Observation:
         return {child: link.seen for child, link in self._links.items()}
 
 
-class _Link:
+class _ObservedLink:
     """The samples of a link that were not read yet, and those that the next are compared with."""
 
     def __init__(self, parent: str, static: bool, pose: Pose, authority: str) -> None:
@@ -241,6 +241,6 @@ class _Link:
         lengths = sorted(float(np.linalg.norm(p[:3])) for p in (pose, seen.pose))
         is_milli = lengths[0] > 0.01 and 700 < lengths[1] / lengths[0] < 1400
         count = 1 if seen.replaced is None else seen.replaced.count + 1
-        seen.replaced = Replacement(
+        seen.replaced = StaticReplacement(
             count, shift_m, float(turn), seen.authority, authority, is_milli
         )

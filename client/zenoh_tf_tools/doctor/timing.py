@@ -47,7 +47,7 @@ class Chunk(NamedTuple):
     fresh: int  # the first that no chunk before had
 
 
-class Pause(NamedTuple):
+class ArrivalPause(NamedTuple):
     """A time without an arrival, nanoseconds of the clock of the arrivals."""
 
     start_ns: int
@@ -85,7 +85,7 @@ class Timing:
     drift: float = 0.0
     strays: int = 0
     stray_lead_ns: int = 0
-    pauses: list[Pause] = field(default_factory=list)
+    pauses: list[ArrivalPause] = field(default_factory=list)
 
     def read(self, chunk: Chunk) -> None:
         """Add what a chunk says.
@@ -134,7 +134,7 @@ class Timing:
         for i in np.flatnonzero(waits > max(_PAUSE_NS, PAUSE_PERIODS * (self.period_ns or 0))):
             if i + 1 >= fresh and len(self.pauses) < _MOST_PAUSES:
                 is_gap = bool(stamps[i + 1] - newest[i] > waits[i] / 2)
-                self.pauses.append(Pause(int(arrivals[i]), int(arrivals[i + 1]), is_gap))
+                self.pauses.append(ArrivalPause(int(arrivals[i]), int(arrivals[i + 1]), is_gap))
 
 
 def _drift(arrivals: Longs, lead_ns: NDArray[np.float64]) -> float:

@@ -51,7 +51,7 @@ AS_IN_URDF: Final = FrameNames()
 
 
 @dataclass(slots=True)
-class Counts:
+class JointCounts:
     """What was left out or is doubtful."""
 
     transforms: int = 0
@@ -84,7 +84,7 @@ class JointTransforms:
         self._moving = {joint.name for joint in self._joints}
         self._frame = frame
         self._plan = functools.lru_cache(_MAX_PLANS)(self._make_plan)
-        self.counts = Counts()
+        self.counts = JointCounts()
         #: The first joint that was counted, by the name of the counter.
         self.first: dict[str, str] = {}
         turns = np.array([joint.kind != "prismatic" for joint in self._joints], bool)

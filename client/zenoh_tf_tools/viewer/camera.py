@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf_tools.viewer.placement import Placement
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 #: The vertical field of view of all cameras, in radians.
 FOV_RAD: Final = math.radians(50.0)
@@ -124,7 +124,7 @@ def fit(
     return looking(centre + 1.02 * distance * _FROM, centre, window)
 
 
-def typical_link_m(placement: Placement, links: Mapping[str, Link]) -> float:
+def typical_link_m(placement: Placement, links: Mapping[str, ViewedLink]) -> float:
     """Return the median length of the links in metres; 0 without any."""
     ends = [
         (row, placement.rows[parent])

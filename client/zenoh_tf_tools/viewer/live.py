@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from zenoh_tf import FrameInfo, TransformException
 from zenoh_tf.text.times import CLOCK_RANGE_S
 from zenoh_tf_client.mirror.mirror import Mirror
-from zenoh_tf_tools.viewer.source import Link, Lookups
+from zenoh_tf_tools.viewer.source import Lookups, ViewedLink
 
 #: A step of links that have no rate.
 _STEP_NS = 100_000_000
@@ -33,7 +33,7 @@ class LiveSource:
     def names(self) -> list[str]:
         return self._mirror.frames()
 
-    def link(self, name: str, time_ns: int, *, past: bool = False) -> Link | None:
+    def link(self, name: str, time_ns: int, *, past: bool = False) -> ViewedLink | None:
         frame = self._find(name)
         if frame is None:
             return None
@@ -45,7 +45,7 @@ class LiveSource:
                 parent = self._mirror.parent(name, sample_ns)
             except TransformException:  # the frame is gone, or has no sample as old
                 return None
-        return Link(
+        return ViewedLink(
             name,
             parent,
             frame.static,
@@ -58,7 +58,7 @@ class LiveSource:
             frame.authority,
         )
 
-    def now_ns(self, links: Sequence[Link]) -> int:
+    def now_ns(self, links: Sequence[ViewedLink]) -> int:
         """The clock, if the stamps are of it; else the newest stamp, and the time since it came."""
         stamps = [x.sample_ns for x in links if x.age_s is not None and x.sample_ns is not None]
         clock_ns = time.time_ns()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zenoh_tf import Transform, TransformArray
-from zenoh_tf_tools.viewer.source import Link, Lookups
+from zenoh_tf_tools.viewer.source import Lookups, ViewedLink
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Placement:
 NOTHING = Placement([], np.empty((0, 7)), {}, {})
 
 
-def place(lookups: Lookups, links: Mapping[str, Link], fixed: str) -> Placement:
+def place(lookups: Lookups, links: Mapping[str, ViewedLink], fixed: str) -> Placement:
     """Compute `X_fixed_frame` of each frame.
 
     Each link is looked up at its own time, as latest lookups do: one that has stopped holds nothing
@@ -63,7 +63,7 @@ def place(lookups: Lookups, links: Mapping[str, Link], fixed: str) -> Placement:
     return Placement([*rows], poses, rows, elsewhere).seen_from(fixed)
 
 
-def roots_by_size(links: Mapping[str, Link]) -> list[str]:
+def roots_by_size(links: Mapping[str, ViewedLink]) -> list[str]:
     """Return the roots, that of the tree with the most frames first."""
     _, root_of = _levels(links)
     counts: dict[str, int] = {}
@@ -72,14 +72,14 @@ def roots_by_size(links: Mapping[str, Link]) -> list[str]:
     return sorted(counts, key=lambda root: (-counts[root], root))
 
 
-def _levels(links: Mapping[str, Link]) -> tuple[list[list[Link]], dict[str, str]]:
+def _levels(links: Mapping[str, ViewedLink]) -> tuple[list[list[ViewedLink]], dict[str, str]]:
     """Return the links by their number of ancestors, and the root of each frame.
 
     Links that were read one after another may form a loop, if the tree changed meanwhile. Frames of
     a loop have no root and are left out.
     """
-    children: dict[str, list[Link]] = {}
-    level: list[Link] = []
+    children: dict[str, list[ViewedLink]] = {}
+    level: list[ViewedLink] = []
     for link in links.values():
         if link.parent in links:
             children.setdefault(link.parent, []).append(link)  # type: ignore[arg-type]
@@ -96,7 +96,7 @@ def _levels(links: Mapping[str, Link]) -> tuple[list[list[Link]], dict[str, str]
     return levels, root_of
 
 
-def _in_root(lookups: Lookups, levels: list[list[Link]]) -> dict[str, NDArray[np.float64]]:
+def _in_root(lookups: Lookups, levels: list[list[ViewedLink]]) -> dict[str, NDArray[np.float64]]:
     """Return `X_root_frame` of each frame, parents first, without those that have no data."""
     identity = np.array([0.0, 0, 0, 0, 0, 0, 1])
     if not levels:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zenoh_tf import TransformTree
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording
 from zenoh_tf.recordings.load import valid_commits
-from zenoh_tf_tools.viewer.source import Link, Lookups
+from zenoh_tf_tools.viewer.source import Lookups, ViewedLink
 
 #: The rate of a link is that of its samples in this long before the time.
 _RATE_NS = 5 * 10**9
@@ -49,11 +49,11 @@ class RecordedSource:
     def names(self) -> list[str]:
         return self._names
 
-    def link(self, name: str, time_ns: int, *, past: bool = True) -> Link | None:
+    def link(self, name: str, time_ns: int, *, past: bool = True) -> ViewedLink | None:
         frame = self._tree.frame(name)
         stamps_ns = self._stamps_ns.get(name)
         if frame.parent is None or frame.static or stamps_ns is None:
-            return Link(
+            return ViewedLink(
                 name, frame.parent, frame.static, frame.newest_stamp_ns, None, None, frame.authority
             )
         sample_ns = int(min(max(time_ns, stamps_ns[0]), stamps_ns[-1]))
@@ -61,7 +61,7 @@ class RecordedSource:
         known = max(1, int(np.searchsorted(stamps_ns, time_ns, "right")))
         since = int(np.searchsorted(stamps_ns, stamps_ns[known - 1] - _RATE_NS))
         span_ns = int(stamps_ns[known - 1] - stamps_ns[since])
-        return Link(
+        return ViewedLink(
             name,
             self._tree.parent(name, sample_ns),
             False,
@@ -71,7 +71,7 @@ class RecordedSource:
             frame.authority,
         )
 
-    def now_ns(self, links: Sequence[Link]) -> int:
+    def now_ns(self, links: Sequence[ViewedLink]) -> int:
         return self.range_ns[1]  # the end, if no time is chosen
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:

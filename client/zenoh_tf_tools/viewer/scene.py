@@ -25,7 +25,7 @@ from zenoh_tf.text import cut, printable
 from zenoh_tf_tools.viewer import labels
 from zenoh_tf_tools.viewer.camera import Camera, grid_cell_m
 from zenoh_tf_tools.viewer.placement import Placement
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 Colour = tuple[int, int, int]
 
@@ -71,13 +71,13 @@ class Look:
     faults: Mapping[str, str]
 
 
-def label_text(link: Link, stale: bool, fault: str = "") -> str:
+def label_text(link: ViewedLink, stale: bool, fault: str = "") -> str:
     """Return the text beside a frame; `fault`: what is wrong with it, in short."""
     text = cut(printable(link.name), _LABEL_CHARS) + (" (stale)" if stale else "")
     return f"{text}: {fault}" if fault else text
 
 
-def colour_of(link: Link, stale_after_s: float, faulty: bool = False) -> Colour:
+def colour_of(link: ViewedLink, stale_after_s: float, faulty: bool = False) -> Colour:
     """Return the colour of a link and of its frame's origin."""
     if link.is_stale(stale_after_s):
         return STALE
@@ -128,7 +128,7 @@ class Scene:
         self._grid.set(cell_size=cell_m, section_size=cell_m * 10, fade_distance=size_m * 6)
 
     def draw(
-        self, placement: Placement, links: Mapping[str, Link], look: Look, camera: Camera
+        self, placement: Placement, links: Mapping[str, ViewedLink], look: Look, camera: Camera
     ) -> None:
         """Draw frames and links; frames that are not placed disappear.
 
@@ -184,7 +184,7 @@ class Scene:
         self,
         shown: list[str],
         poses: NDArray[np.float64],
-        links: Mapping[str, Link],
+        links: Mapping[str, ViewedLink],
         colours: list[Colour],
         look: Look,
     ) -> None:
@@ -250,7 +250,7 @@ class Scene:
         self,
         shown: list[str],
         positions: NDArray[np.float64],
-        links: Mapping[str, Link],
+        links: Mapping[str, ViewedLink],
         look: Look,
         camera: Camera,
     ) -> None:
@@ -286,7 +286,7 @@ class Scene:
         return node
 
 
-def _rank(link: Link, look: Look) -> int:
+def _rank(link: ViewedLink, look: Look) -> int:
     """How important a name is; 0 if it is not to be drawn."""
     if link.name == look.selected:
         return 5

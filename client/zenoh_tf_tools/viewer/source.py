@@ -11,7 +11,7 @@ from zenoh_tf_client.mirror.mirror import Mirror
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class ViewedLink:
     """A frame and the link to its parent, at a time.
 
     Attributes:
@@ -56,7 +56,7 @@ class ViewedTree(Protocol):
     def names(self) -> list[str]:
         """All frames, in any order."""
 
-    def link(self, name: str, time_ns: int, *, past: bool = False) -> Link | None:
+    def link(self, name: str, time_ns: int, *, past: bool = False) -> ViewedLink | None:
         """A frame's link at a time; None if there is no such frame any more.
 
         Args:
@@ -65,7 +65,7 @@ class ViewedTree(Protocol):
             past: Whether the time was chosen. Else a live tree shows the newest samples.
         """
 
-    def now_ns(self, links: Sequence[Link]) -> int:
+    def now_ns(self, links: Sequence[ViewedLink]) -> int:
         """The time to show next; `links`: those of the last time."""
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf_tools.viewer.source import Link, Lookups
+from zenoh_tf_tools.viewer.source import Lookups, ViewedLink
 
 #: Most frames with a trail, and most points of one.
 MAX_TRAILS = 16
@@ -17,7 +17,7 @@ _STEP_NS = 20_000_000
 
 
 def trail_segments(
-    lookups: Lookups, fixed: str, links: Iterable[Link], until_ns: int, length_s: float
+    lookups: Lookups, fixed: str, links: Iterable[ViewedLink], until_ns: int, length_s: float
 ) -> NDArray[np.float64]:
     """Return the trails of the first frames whose links move.
 

@@ -30,7 +30,7 @@ from zenoh_tf_tools.viewer.live import is_clock
 from zenoh_tf_tools.viewer.models import Model, Models
 from zenoh_tf_tools.viewer.placement import NOTHING, place, roots_by_size
 from zenoh_tf_tools.viewer.scene import SELECTED_AXES, Look, Scene
-from zenoh_tf_tools.viewer.source import Link, ViewedTree
+from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 from zenoh_tf_tools.viewer.trails import trail_segments
 
 _PERIOD_S: Final = 0.05
@@ -118,7 +118,7 @@ class Viewer:
         self._server = server
         self._options = options
         self._clicked: deque[str] = deque(maxlen=1)
-        self._links: dict[str, Link] = {}
+        self._links: dict[str, ViewedLink] = {}
         self._left_out = 0
         self._is_read = False  # the links, since they were placed
         self._time_ns: int | None = None
@@ -211,7 +211,7 @@ class Viewer:
                 chosen[name] = None
         self._left_out = len(names) - len(chosen)
         self._links = {
-            name: self._links.get(name, Link(name, None, False, None, None, None, ""))
+            name: self._links.get(name, ViewedLink(name, None, False, None, None, None, ""))
             for name in chosen
         }
 
@@ -219,7 +219,7 @@ class Viewer:
         """Read the links. A paused picture stays as it is, while the server forgets its time."""
         if frames_too:
             self._list_frames()
-        links: dict[str, Link] = {}
+        links: dict[str, ViewedLink] = {}
         past = not self._is_live
         for name in self._links:
             link = self._source.link(name, self._time_ns or 0, past=past)
@@ -361,7 +361,7 @@ class Viewer:
             ),
         )
 
-    def _velocity(self, link: Link | None) -> Velocity | None:
+    def _velocity(self, link: ViewedLink | None) -> Velocity | None:
         """How the picked frame moves in the fixed frame; None if it has not enough samples."""
         if link is None or link.name not in self._placement.rows or link.name == self._fixed:
             return None

@@ -21,7 +21,7 @@ from ..security.settings import Security
 from . import quota, shared_streams
 from .discovery import Discovery
 from .pool import Pool
-from .robot import Robot
+from .robot import RobotTree
 from .settings import FederationSettings, RobotPattern
 from .shared_streams import SharedStreams
 
@@ -44,7 +44,7 @@ class Robots:
         security: Security,
         service: Service,
         ingest: Ingest,
-        robots: dict[str, Robot],
+        robots: dict[str, RobotTree],
     ) -> None:
         """`robots`: all robots by their names, from now on."""
         limits = service.limits
@@ -54,7 +54,7 @@ class Robots:
         expected = len(settings.links) + (limits.robots if settings.patterns else 0)
         self._pool = Pool(ingest, limits.robot_bytes)
         self._make = functools.partial(
-            Robot,
+            RobotTree,
             shared=settings.shared,
             credentials=security.credentials,
             service=service,
@@ -111,7 +111,7 @@ class Robots:
         return sums
 
 
-def lost(robots: Mapping[str, Robot]) -> dict[str, float]:
+def lost(robots: Mapping[str, RobotTree]) -> dict[str, float]:
     """The robots that are not heard, and for how many seconds."""
     found = ((name, robot.lost_s) for name, robot in list(robots.items()))
     return {name: lost_s for name, lost_s in found if lost_s is not None}
@@ -124,7 +124,7 @@ def start(
     ingest: Ingest,
     session: zenoh.Session,
     stack: ExitStack,
-    robots: dict[str, Robot],
+    robots: dict[str, RobotTree],
 ) -> None:
     """Gather the trees of robots, until the stack is closed. `robots`: them by their names, from
     now on."""

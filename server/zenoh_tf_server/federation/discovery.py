@@ -27,7 +27,7 @@ from zenoh_tf.errors import InvalidArgumentException
 
 from ..rate_limited_log import RateLimitedLog
 from .pool import Pool
-from .robot import Robot
+from .robot import RobotTree
 from .settings import RobotAddress, RobotPattern
 from .shared_streams import SharedStreams
 
@@ -50,7 +50,7 @@ class _Tree:
     address: RobotAddress
     streams: SharedStreams
     instances: set[str] = field(default_factory=set)  # of its servers that have tokens
-    robot: Robot | None = None  # once it is asked
+    robot: RobotTree | None = None  # once it is asked
     since_s: float = 0.0
 
 
@@ -61,9 +61,9 @@ class Discovery:
         self,
         own_tree: str,
         patterns: dict[RobotPattern, SharedStreams],
-        robots: dict[str, Robot],
+        robots: dict[str, RobotTree],
         most: int,
-        make: Callable[..., Robot],
+        make: Callable[..., RobotTree],
     ) -> None:
         """`robots`: by name; those that are found are added, up to so many. `make` makes one."""
         self._own_tree = own_tree

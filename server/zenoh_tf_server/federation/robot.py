@@ -34,7 +34,7 @@ from ..requests.service import Service
 from . import shared_streams
 from .pool import Pool
 from .quota import FrameQuota
-from .rows import Rows
+from .rows import RobotRows
 from .settings import RobotAddress
 from .shared_streams import Inbox, SharedStreams
 
@@ -54,7 +54,7 @@ _RETRY_TIMEOUT_S: Final = 1.0
 log = logging.getLogger("zenoh_tf.server.federation")
 
 
-class Robot:
+class RobotTree:
     """Adds what is committed to a robot's tree to the put queues, from `start` to `close`."""
 
     def __init__(
@@ -92,7 +92,7 @@ class Robot:
         # The rest is guarded by the feed's lock.
         most = address.share.max_frames or share
         self._quota = FrameQuota(address.name, service.tree, most, guards_others=is_found)
-        self._rows = Rows(address.name, shared, self._limits.rows, self._quota, self._refuse)
+        self._rows = RobotRows(address.name, shared, self._limits.rows, self._quota, self._refuse)
         self.has_copy = False  #: Its copy was complete once.
         self._copy_seq = 0  # of the last commit in the copy that began
         self._is_self = False

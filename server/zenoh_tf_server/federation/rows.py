@@ -48,7 +48,7 @@ class _Shape(NamedTuple):
     left_out: int
 
 
-class Rows:
+class RobotRows:
     """The puts of one robot."""
 
     def __init__(

@@ -24,7 +24,7 @@ _MAX_REASON: Final = 500
 
 
 @dataclass(slots=True)
-class _Refused:
+class _ByReason:
     by_reason: Counter[str] = field(default_factory=Counter)  # transforms
     dropped_puts: int = 0
     last_reason: str | None = None
@@ -35,8 +35,8 @@ class Refusals:
         self._lock = threading.Lock()
         self._by_reason = Counter[str]()  # of all authorities
         # Both: least recently refused, or first accepted, first.
-        self.accepted = BoundedMap[str, _Refused](_MAX_ACCEPTED)
-        self._never_accepted = BoundedMap[str, _Refused](limits.refused_authorities)
+        self.accepted = BoundedMap[str, _ByReason](_MAX_ACCEPTED)
+        self._never_accepted = BoundedMap[str, _ByReason](limits.refused_authorities)
 
     def accept(self, authority: str) -> None:
         """Record that a message of `authority` was accepted."""
@@ -44,7 +44,7 @@ class Refusals:
             return
         with self._lock:
             entry = self._never_accepted.pop(authority, None)
-            self.accepted[authority] = entry or _Refused()
+            self.accepted[authority] = entry or _ByReason()
 
     def refuse(self, authority: str, by_reason: Mapping[str, int], reason: str) -> None:
         """Count refused transforms of `authority`, and remember why.
@@ -87,24 +87,24 @@ class Refusals:
                 for name, entry in entries.items()
                 if entry.by_reason or entry.dropped_puts
             }
-        nothing = _fields(_Refused())
+        nothing = _fields(_ByReason())
         merged = [{**record, **refused.pop(record["name"], nothing)} for record in records]
         of_tree = ("frames", "commits", "stored", "dropped", "rewritten", "conflicts")
         empty = dict.fromkeys(of_tree, 0)
         merged += [{"name": name, **empty, **fields} for name, fields in refused.items()]
         return merged
 
-    def _entry(self, authority: str) -> _Refused:
+    def _entry(self, authority: str) -> _ByReason:
         """The entry of an authority, which becomes the one refused last."""
         entry = self.accepted.get(authority)
         if entry is not None:
             self.accepted.move_to_end(authority)
             return entry
-        entry = self._never_accepted[authority] = self._never_accepted.get(authority) or _Refused()
+        entry = self._never_accepted[authority] = self._never_accepted.get(authority) or _ByReason()
         return entry
 
 
-def _fields(entry: _Refused) -> dict[str, Any]:
+def _fields(entry: _ByReason) -> dict[str, Any]:
     return {
         "refused": entry.by_reason.total(),
         "refused_by_reason": dict(entry.by_reason),

@@ -39,7 +39,7 @@ _SLICE_ROWS: Final = 1000
 _PAUSE_S: Final = 20e-6
 
 
-class Batch:
+class BatchRun:
     """One message's operations on a service."""
 
     def __init__(self, service: Service, body: wire.Message) -> None:

@@ -32,7 +32,7 @@ _ADVICE: Final = (
 )
 
 
-class Estimates:
+class EstimateRequests:
     """Estimates poses from a tree, by this machine's clock. Thread safety: all methods."""
 
     def __init__(self, tree: TransformTree, limits: Limits) -> None:

@@ -15,7 +15,7 @@ from zenoh_tf.text import quoted
 from ..ingest.clock_offsets import ClockOffsets
 from ..ingest.refusals import Refusals
 from ..limits import Limits
-from .estimates import Estimates
+from .estimates import EstimateRequests
 from .surroundings import Surroundings
 
 #: Trees of more frames are not counted again for each `stats` and `authorities`.
@@ -65,7 +65,7 @@ class InfoRequests:
         """`counters`: the server's own counters, added to the tree's in `stats`."""
         self._tree = tree
         self._name_bytes = limits.name_bytes
-        self._estimates = Estimates(tree, limits)
+        self._estimates = EstimateRequests(tree, limits)
         self._refusals = refusals
         self._clocks = clocks
         self._counters = counters

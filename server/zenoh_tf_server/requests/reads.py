@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _ROW_BYTES: Final = 1 + 8 + 8 + 56 + 8
 
 
-class Reads:
+class LookupRequests:
     """Looks transforms up in a tree. Thread safety: all methods."""
 
     def __init__(self, tree: TransformTree, limits: Limits) -> None:

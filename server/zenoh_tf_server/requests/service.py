@@ -30,14 +30,14 @@ from ..limits import NAMES_PER_ROW, Limits
 from ..state.file import Stored
 from ..state.static_links import NO_STATE_WRITE, StaticLinks
 from .admin import AdminRequests
-from .batches import Batch
+from .batches import BatchRun
 from .guard import RequestGuard
 from .handler import Handler, ReplyCallback, ReplyWithField
 from .info import InfoRequests
-from .reads import Reads
+from .reads import LookupRequests
 from .surroundings import ALONE, Surroundings
 from .waiters import Waiters
-from .writes import Writes
+from .writes import WriteOutcomes
 
 if TYPE_CHECKING:
     from zenoh_tf._core import Budget, Rows
@@ -62,7 +62,7 @@ class Service(Handler):
         self.tree = tree
         self._instance = instance
         self.waiters = Waiters(tree, limits, loop, around.is_connected)
-        self.reads = Reads(tree, limits)
+        self.reads = LookupRequests(tree, limits)
         #: Both are filled by the ingest of puts, and read by info requests.
         self.puts = PutCounters()
         self.refusals = Refusals(limits)
@@ -73,7 +73,7 @@ class Service(Handler):
         )
         self._future = future or FutureStamps()
         self._refused_ahead_ns = self._future.refused_ahead_ns
-        self._writes = Writes(instance, limits)
+        self._writes = WriteOutcomes(instance, limits)
         self._last_seq = around.last_seq
         self._on_commit = around.on_commit
         self._offer = around.offer
@@ -279,7 +279,7 @@ class Service(Handler):
     # --- batches, info and administration
 
     def _batch(self, message: wire.Message, reply_to: ReplyCallback) -> None:
-        batch = Batch(self, message)
+        batch = BatchRun(self, message)
         if batch.commits:
 
             def run(expires_ns: int) -> tuple[bytes, bytes]:

@@ -67,7 +67,7 @@ class _Entry:
     waiting: tuple[OnRepeat, ...] = ()  # repeats of a running write
 
 
-class Writes:
+class WriteOutcomes:
     """Decides which writes run, and remembers their outcomes; see the module."""
 
     def __init__(self, instance: str, limits: Limits) -> None:

@@ -28,7 +28,7 @@ from zenoh.handlers import Callback
 from zenoh_tf import threads
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2 import attachment, keys
-from zenoh_tf.ros2.keys import TF_MESSAGE, Publisher
+from zenoh_tf.ros2.keys import TF_MESSAGE, TopicPublisher
 from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, NODE
 from zenoh_tf.ros2.topics import Received, Reception
 
@@ -62,7 +62,7 @@ class _Keeper:
     tokens: set[str] = field(default_factory=set)  # of those that can be asked
     had_token: bool = False
     #: By their tokens: those that declare to keep messages.
-    declared: dict[str, Publisher] = field(default_factory=dict)
+    declared: dict[str, TopicPublisher] = field(default_factory=dict)
     #: Before it is asked again if it has not answered.
     pauses: Iterator[float] = field(
         default_factory=lambda: threads.pauses(_RETRY_S, _LONGEST_RETRY_S)
@@ -147,7 +147,7 @@ class Histories:
 
     # --- publishers that declare to keep messages
 
-    def publisher_found(self, publisher: Publisher) -> None:
+    def publisher_found(self, publisher: TopicPublisher) -> None:
         """Follow a publisher that declares to keep messages. A bridge from before there were tokens
         of those that do is asked at once."""
         if publisher.topic.name != TOPIC:
@@ -166,7 +166,7 @@ class Histories:
         if publisher.topic.is_bridged:
             self._ask(keeper, _old_caches(identity))
 
-    def publisher_gone(self, publisher: Publisher) -> None:
+    def publisher_gone(self, publisher: TopicPublisher) -> None:
         """Follow a publisher no more."""
         with self._lock:
             keeper = self._keepers.get((publisher.data, publisher.zid))
@@ -346,7 +346,7 @@ class Histories:
             self._receive(message)
 
 
-def _gid(publisher: Publisher) -> bytes | None:
+def _gid(publisher: TopicPublisher) -> bytes | None:
     """The id that a publisher's messages carry; None if they carry none, or it is not known."""
     return None if publisher.topic.is_bridged else attachment.gid_of(publisher.token)
 

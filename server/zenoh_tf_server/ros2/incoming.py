@@ -19,7 +19,7 @@ from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import ProtocolError, TransformException
 from zenoh_tf.ros2.cdr import decode_tf_message
 from zenoh_tf.ros2.keys import TF_MESSAGE
-from zenoh_tf.ros2.publishers import Decode, Publishers, Source
+from zenoh_tf.ros2.publishers import Decode, Publishers, TopicSource
 from zenoh_tf.ros2.topics import Received, TopicListener
 from zenoh_tf.text import quoted
 
@@ -110,7 +110,7 @@ class Incoming:
     def _receive_history(self, message: Received) -> None:
         self._add_statics([message], live=False)
 
-    def _put(self, message: Received, *, static: bool) -> tuple[Source, Put] | None:
+    def _put(self, message: Received, *, static: bool) -> tuple[TopicSource, Put] | None:
         """A message as a put, and where it comes from; None: it is a copy of another one."""
         source = self._publishers.source(message)
         if source.is_copy:
@@ -144,11 +144,11 @@ class Incoming:
         with self._lock:
             self._counts["ros2_messages"] += messages
 
-    def _add_decoder(self, source: Source) -> Decode:
+    def _add_decoder(self, source: TopicSource) -> Decode:
         source.decode = self._decoder(source)
         return source.decode
 
-    def _decoder(self, source: Source) -> Decode:
+    def _decoder(self, source: TopicSource) -> Decode:
         max_rows = self._limits.rows
         try:
             rename = self._prefixes.renamer(self._prefixes.prefix(source.topic, source.zid))

@@ -26,7 +26,7 @@ from typing import Final
 from zenoh_tf._core import TransformRows
 from zenoh_tf.bounded_map import BoundedMap
 from zenoh_tf.errors import TransformException
-from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, Identity, Source
+from zenoh_tf.ros2.publishers import MAX_PUBLISHERS, Identity, TopicSource
 from zenoh_tf.ros2.topics import Received
 from zenoh_tf.threads import Periodic
 
@@ -99,7 +99,7 @@ class Statics:
         return {"ros2_static_links": self._links, "ros2_statics_dropped": self._dropped}
 
     def record(
-        self, source: Source, message: Received, rows: TransformRows, *, live: bool
+        self, source: TopicSource, message: Received, rows: TransformRows, *, live: bool
     ) -> Put | None:
         """Record a message, and return the put of what the tree needs of it; None if nothing.
 
@@ -131,7 +131,7 @@ class Statics:
         """Static transforms as a put."""
         return Put.of_rows(authority, True, rows, time.time_ns())
 
-    def _publisher(self, source: Source) -> _Publisher | None:
+    def _publisher(self, source: TopicSource) -> _Publisher | None:
         """Requires the lock. None: there are too many."""
         publisher = self._publishers.get(source.identity)
         if publisher is None:

@@ -45,7 +45,7 @@ class StateSettings:
     )
 
 
-class State:
+class StoredState:
     """The state of one server's tree. Close it when nothing writes to the tree any more."""
 
     def __init__(

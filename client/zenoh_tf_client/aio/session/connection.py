@@ -1,6 +1,6 @@
 """The connection of an asynchronous client: it belongs to one event loop.
 
-Zenoh's session, and what is said to the server, are those of the synchronous `Connection`.
+Zenoh's session, and what is said to the server, are those of the synchronous `AsyncConnection`.
 
 Thread safety: the loop's thread only.
 """
@@ -36,7 +36,7 @@ MAX_WAITING_LOOKUPS: Final = 2000
 _CLOSED: Final = "the connection is closed"
 
 
-class Connection:
+class AsyncConnection:
     """Makes the calls of one loop; see the module. Close it with `close`."""
 
     def __init__(self, opened: connection.Connection, mapped: MappedTree) -> None:
@@ -65,7 +65,7 @@ class Connection:
         credentials: Credentials,
         reads: Mode,
     ) -> Self:
-        """Connect; raises what the synchronous `Connection` raises."""
+        """Connect; raises what the synchronous `AsyncConnection` raises."""
 
         def connect() -> tuple[connection.Connection, MappedTree]:
             opened = connection.Connection(endpoint, tree, timeout_s, credentials)

@@ -37,7 +37,7 @@ class Operation(Generic[T]):
     def __init__(self, request: Request[T], future: asyncio.Future[T]) -> None:
         self.request = request
         self.future = future
-        self.message: Message | None = None  # once it is under way
+        self.message: OutboxMessage | None = None  # once it is under way
 
     def succeed(self, result: T) -> None:
         """Give the caller the result."""
@@ -62,7 +62,7 @@ class Operation(Generic[T]):
 AnyOperation = Operation[Any]
 
 
-class Message(LoopSteps):
+class OutboxMessage(LoopSteps):
     """Sends operations together, and gives each its result."""
 
     __slots__ = ("_joined", "_left", "_operations", "_outbox", "waits")
@@ -125,7 +125,7 @@ class Outbox:
         # By group, in the order of their first operations; one that travels alone is a group.
         self._collected: dict[Hashable, dict[AnyOperation, None]] = {}
         self._is_scheduled = False
-        self._under_way: set[Message] = set()
+        self._under_way: set[OutboxMessage] = set()
         self._waiting = 0  # of them: those that wait at the server
 
     def __len__(self) -> int:
@@ -199,12 +199,12 @@ class Outbox:
     def send(self, operations: Sequence[AnyOperation]) -> None:
         """Send operations of one group now."""
         if operations:
-            message = Message(operations, self._transport, self._exchange, self)
+            message = OutboxMessage(operations, self._transport, self._exchange, self)
             self._under_way.add(message)
             self._waiting += message.waits
             message.start()
 
-    def finished(self, message: Message) -> None:
+    def finished(self, message: OutboxMessage) -> None:
         """A message is answered, has failed, or is cancelled."""
         self._under_way.remove(message)
         self._waiting -= message.waits

@@ -20,7 +20,7 @@ from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.doctor import Finding
 from zenoh_tf_tools.estimate_words import bounds, carried_on
 from zenoh_tf_tools.viewer.placement import Placement
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 #: Names of one list in the panel; more are counted.
 _LISTED: Final = 8
@@ -39,7 +39,7 @@ EMPTY_HTML: Final = (
 
 
 def figures_html(
-    link: Link | None,
+    link: ViewedLink | None,
     placement: Placement,
     fixed: str,
     velocity: Velocity | None,
@@ -95,7 +95,7 @@ def figures_html(
 
 
 def status_html(
-    links: Mapping[str, Link],
+    links: Mapping[str, ViewedLink],
     placement: Placement,
     fixed: str,
     stale_after_s: float,
@@ -154,7 +154,7 @@ def name_html(name: str) -> str:
     return html.escape(cut(printable(name), 60))
 
 
-def _age(link: Link) -> str:
+def _age(link: ViewedLink) -> str:
     if link.static:
         return "static: holds at all times"
     if link.age_s is None:

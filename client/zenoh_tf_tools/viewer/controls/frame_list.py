@@ -10,7 +10,7 @@ import viser
 
 from zenoh_tf.text import cut, printable
 from zenoh_tf_tools.viewer.controls import frame_tree
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 #: Lines of a page: a check-box costs the browser more than a frame in the scene.
 _PAGE: Final = 20
@@ -51,7 +51,7 @@ class FrameList:
         )
         self._count: Any = gui.add_html("")
 
-    def update(self, links: Mapping[str, Link]) -> None:
+    def update(self, links: Mapping[str, ViewedLink]) -> None:
         """Read what a person has done, and show the frames there are."""
         for (name, mark), line in zip(self._shown, self._lines, strict=False):
             if line.value != mark:
@@ -75,7 +75,7 @@ class FrameList:
         if self._count.content != content:
             self._count.content = content
 
-    def _mark_all(self, what: str, links: Mapping[str, Link], found: set[str]) -> None:
+    def _mark_all(self, what: str, links: Mapping[str, ViewedLink], found: set[str]) -> None:
         if what == _ONLY:
             self.unchecked = links.keys() - found
         else:

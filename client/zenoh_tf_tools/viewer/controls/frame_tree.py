@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from zenoh_tf.introspection.explain import path_to_root
-from zenoh_tf_tools.viewer.source import Link
+from zenoh_tf_tools.viewer.source import ViewedLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Row:
     found: bool
 
 
-def rows(links: Mapping[str, Link], search: str = "") -> list[Row]:
+def rows(links: Mapping[str, ViewedLink], search: str = "") -> list[Row]:
     """Return the frames, each before its children, and these by name.
 
     Args:
@@ -48,7 +48,7 @@ def rows(links: Mapping[str, Link], search: str = "") -> list[Row]:
     return found
 
 
-def with_descendants(links: Mapping[str, Link], name: str) -> set[str]:
+def with_descendants(links: Mapping[str, ViewedLink], name: str) -> set[str]:
     """Return a frame and all that hang on it."""
     return {x for x in links if any(link.name == name for link in path_to_root(x, links))}
 
