@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from ..errors import missing_library, reason
-from .container import Channel, Choose, Damage, RawMessage, in_log_order
+from .container import Channel, Choose, ChunkedFile, RawMessage
 from .decompress import MAX_CHUNK_BYTES, decompress, decompress_begin
 
 _MAGIC: Final = b"#ROSBAG V2.0\n"
 
 
-class BagFile:
-    """A ``.bag`` file, opened for reading. A `Container`."""
+class BagFile(ChunkedFile):
+    """A ``.bag`` file, opened for reading."""
 
     def __init__(self, path: Path, choose: Choose) -> None:
         """Open it. Raises RecordingError if rosbags is missing, and ValueError if it is no bag."""
@@ -29,57 +29,34 @@ class BagFile:
             from rosbags.rosbag1 import reader as records  # noqa: PLC0415 - an extra
         except ImportError as error:
             raise missing_library(error) from error
-        self.path = path
-        self.damage = Damage()
-        self.is_cut_off = False
-        self.is_empty = False
-        self.message_count: int | None = None
         self._records = records
         self._choose = choose
-        self._size = path.stat().st_size
         self._channels: dict[int, Channel | None] = {}  # None: not read
-        self._index: dict[int, list[tuple[int, int]]] | None = None
-        self._index_fault = ""
-        self._file = path.open("rb")
-        try:
-            if self._file.read(len(_MAGIC)) != _MAGIC:
-                raise ValueError("a bag of a version that is not read, or damaged at its begin")
-            self._begin = self._open()
-        except BaseException:
-            self.close()
-            raise
+        self._index: dict[int, list[tuple[int, int]]] = {}
+        super().__init__(path)
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def messages(self) -> Iterator[RawMessage]:
-        """See `Container.messages`."""
-        self.damage = Damage()
-        if self._index_fault:
-            self.damage.note("its end", f"the index cannot be read: {self._index_fault}")
-        return in_log_order(self._indexed() if self._index is not None else self._scanned())
-
-    def _open(self) -> int:
-        """Read the index. Returns where the first record behind the bag's header is."""
+    def _open(self) -> None:
+        """Read the header and the index."""
+        if self._file.read(len(_MAGIC)) != _MAGIC:
+            raise ValueError("a bag of a version that is not read, or damaged at its begin")
         header = self._records.Header.read(self._file, self._records.RecordType.BAGHEADER)
-        begin = self._file.tell() + 4 + self._records.read_uint32(self._file)
+        #: Where the first record behind the bag's header is.
+        self._begin = self._file.tell() + 4 + self._records.read_uint32(self._file)
         if header.get("encryptor"):
             raise ValueError("the bag is encrypted")
         if header.get_uint64("index_pos") == 0:
             self.is_cut_off = True
-            return begin
+            return
         reader = self._records.Reader(self.path)
         try:
             reader.open()
         except Exception as error:  # rosbags raises any on damage
-            self._index_fault = reason(error)
-            return begin
+            self._fault = reason(error)
+            return
         try:
             self._use_index(reader)
         finally:
             reader.close()
-        return begin
 
     # --- by the index
 
@@ -96,10 +73,10 @@ class BagFile:
         for each in index.values():
             each.sort()
         self._index = dict(sorted(index.items(), key=lambda item: item[1][0]))
+        self._has_index = True
 
     def _indexed(self) -> Iterator[tuple[int, list[RawMessage]]]:
-        """The chunks as of `in_log_order`."""
-        for at, entries in (self._index or {}).items():
+        for at, entries in self._index.items():
             found: list[RawMessage] = []
             with self._noting(at):
                 self._file.seek(at)
@@ -115,7 +92,6 @@ class BagFile:
     # --- from the beginning
 
     def _scanned(self) -> Iterator[tuple[int, list[RawMessage]]]:
-        """As `_indexed`."""
         at = self._begin
         while at < self._size:
             found: list[RawMessage] = []
@@ -149,7 +125,7 @@ class BagFile:
         except OSError:
             raise
         except Exception as error:  # libraries raise any on damage
-            if not (self.is_cut_off and self._index is None and self._file.tell() >= self._size):
+            if not (self.is_cut_off and not self._has_index and self._file.tell() >= self._size):
                 self.damage.note(f"byte {at:,}", f"a record cannot be read: {reason(error)}")
 
     def _chunk(self, header: Any, *, is_whole: bool = True) -> bytes:

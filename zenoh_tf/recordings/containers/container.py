@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from ..decoders import Decode
 
@@ -47,35 +48,70 @@ class Damage:
         self.first = self.first or f"at {place}: {why}"
 
 
-class Container(Protocol):
+class Container(ABC):
     """An open file. `messages` may be called again, for another pass."""
 
-    path: Path
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        #: How many messages are read; None if only reading shows it.
+        self.message_count: int | None = None
+        #: Whether it is known to have no messages at all, not even of other types.
+        self.is_empty = False
+        #: Whether the file lacks its end, as after a crash of what recorded it.
+        self.is_cut_off = False
+        #: What is damaged, as found by the last pass over it.
+        self.damage = Damage()
 
-    @property
-    def message_count(self) -> int | None:
-        """How many messages are read; None if only reading shows it."""
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether it is known to have no messages at all, not even of other types."""
-
-    @property
-    def is_cut_off(self) -> bool:
-        """Whether the file lacks its end, as after a crash of what recorded it."""
-
-    @property
-    def damage(self) -> Damage:
-        """What is damaged, as found by the last pass over it."""
-
+    @abstractmethod
     def messages(self) -> Iterator[RawMessage]:
         """Yield the messages in the order of the log, without those in damaged places.
 
         Raises any exception if the file cannot be read any more: libraries differ.
         """
 
+    @abstractmethod
     def close(self) -> None:
         """Close the file."""
+
+
+class ChunkedFile(Container):
+    """A file of chunks, which is read by its index, or from the beginning if it has no valid one.
+
+    A subclass opens it in `_open`, which sets `_has_index`, and `_fault` if the index is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._has_index = False
+        self._fault = ""
+        self._size = path.stat().st_size
+        self._file = path.open("rb")
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Read what is needed to read the rest."""
+
+    @abstractmethod
+    def _indexed(self) -> Iterator[tuple[int, list[RawMessage]]]:
+        """The chunks by the index, as of `in_log_order`."""
+
+    @abstractmethod
+    def _scanned(self) -> Iterator[tuple[int, list[RawMessage]]]:
+        """The chunks from the beginning, as of `in_log_order`."""
+
+    def messages(self) -> Iterator[RawMessage]:
+        self.damage = Damage()
+        if self._fault:
+            self.damage.note("its end", f"the index cannot be read: {self._fault}")
+        return in_log_order(self._indexed() if self._has_index else self._scanned())
+
+    def close(self) -> None:
+        self._file.close()
 
 
 _log_time = attrgetter("log_ns")

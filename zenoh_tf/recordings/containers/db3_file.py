@@ -13,21 +13,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..errors import reason
-from .container import Choose, Damage, RawMessage
+from .container import Choose, Container, Damage, RawMessage
 
 _ROWS: Final = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE topic_id IN ({})"
 
 
-class Db3File:
-    """A file, opened for reading. A `Container`."""
-
-    is_cut_off = False
+class Db3File(Container):
+    """A file, opened for reading."""
 
     def __init__(self, path: Path, choose: Choose, shown: Path | None = None) -> None:
         """Open it; `shown`: what messages call it. Raises ValueError if it is no file of rosbag2,
         and sqlite3's error if it is damaged."""
-        self.path = shown or path
-        self.damage = Damage()
+        super().__init__(shown or path)
         # A recorder that was killed may leave a log beside the file, which only this reads.
         log = path.with_name(path.name + "-wal")
         mode = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
@@ -58,11 +55,7 @@ class Db3File:
             count = f"SELECT count(*) FROM messages WHERE topic_id IN ({self._places()})"
             self.message_count = self._first(count, *self._channels)
 
-    is_empty = False
-    message_count: int | None = None
-
     def messages(self) -> Iterator[RawMessage]:
-        """See `Container.messages`."""
         self.damage = Damage()
         last = 0
         rows = _ROWS.format(self._places())
@@ -86,7 +79,6 @@ class Db3File:
                     self.damage.note(f"row {last:,} of the table messages", why)
 
     def close(self) -> None:
-        """Close the file."""
         self._database.close()
 
     def _places(self) -> str:

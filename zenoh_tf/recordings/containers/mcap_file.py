@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
 from ..errors import missing_library, reason
-from .container import Choose, Damage, RawMessage, in_log_order
+from .container import Choose, ChunkedFile, RawMessage
 from .mcap_chunks import (
     CHANNEL,
     CHUNK,
@@ -41,8 +41,8 @@ _MAX_SKIPPED_BYTES: Final = 1 << 40
 _log_time = attrgetter("log_ns")
 
 
-class McapFile:
-    """A file, opened for reading. A `Container`."""
+class McapFile(ChunkedFile):
+    """A file, opened for reading."""
 
     def __init__(self, path: Path, choose: Choose, *, compressed: bool = False) -> None:
         """Open it; `compressed`: the whole file by zstd. Raises RecordingError if the library is
@@ -51,34 +51,11 @@ class McapFile:
             import mcap  # noqa: F401, PLC0415 - an extra
         except ImportError as error:
             raise missing_library(error) from error
-        self.path = path
-        self.damage = Damage()
-        self.is_cut_off = False
-        self.is_empty = False
-        self.message_count: int | None = None
         self._channels = McapChannels(choose)
         self._wanted: set[int] = set()  # the channels that are read, of the index
-        self._chunks: list[Any] | None = None  # the index; None: it is read from the beginning
-        self._summary_fault = ""
+        self._chunks: list[Any] = []  # of the index
         self._is_compressed = compressed
-        self._size = path.stat().st_size
-        self._file = path.open("rb")
-        try:
-            self._open()
-        except BaseException:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def messages(self) -> Iterator[RawMessage]:
-        """See `Container.messages`."""
-        self.damage = Damage()
-        if self._summary_fault:
-            self.damage.note("its end", f"the summary cannot be read: {self._summary_fault}")
-        return in_log_order(self._indexed() if self._chunks is not None else self._scanned())
+        super().__init__(path)
 
     def _open(self) -> None:
         if self._begin().read(len(MAGIC)) != MAGIC:
@@ -91,7 +68,7 @@ class McapFile:
             self.is_cut_off = True
             return
         except ValueError as error:
-            self._summary_fault = str(error)
+            self._fault = str(error)
             return
         if summary is None:
             return
@@ -118,7 +95,7 @@ class McapFile:
         for channel in summary.channels.values():
             self._channels.add_channel(channel)
         wanted = {number for number, found in self._channels.channels.items() if found}
-        self._wanted = wanted
+        self._wanted, self._has_index = wanted, True
         self._chunks = sorted(
             (
                 chunk
@@ -133,8 +110,7 @@ class McapFile:
             self.message_count = sum(counts.get(number, 0) for number in wanted)
 
     def _indexed(self) -> Iterator[tuple[int, list[RawMessage]]]:
-        """The chunks as of `in_log_order`."""
-        for index in self._chunks or ():
+        for index in self._chunks:
             at = index.chunk_start_offset
             self._file.seek(min(at, self._size))
             head = self._file.read(RECORD.size)
@@ -163,7 +139,6 @@ class McapFile:
     # --- from the beginning
 
     def _scanned(self) -> Iterator[tuple[int, list[RawMessage]]]:
-        """As `_indexed`."""
         loose: list[RawMessage] = []  # outside of chunks
         for found, is_chunk in self._records():
             loose += found
