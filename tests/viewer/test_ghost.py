@@ -90,7 +90,7 @@ def test_no_ghost_of_the_past_or_of_a_hidden_frame(picked: Viewer) -> None:
     picked.panel.frames.unchecked.clear()
     step(picked)
     assert picked.ghost._frame.visible
-    picked.panel._estimate.value = False
+    picked.panel.estimate.value = False
     step(picked)
     assert not picked.ghost._frame.visible
     assert error_now(picked) == ""

@@ -72,7 +72,7 @@ def test_the_camera_follows_a_frame(viewer: Viewer, tree: Tree) -> None:
     tree.set("map", "other", 5)
     before = step(viewer)
     viewer.panel.select("base")
-    viewer.panel._follow.value = True
+    viewer.panel.follow.value = True
     step(viewer)
     tree.set("map", "base", 4, stamp_ns=S + 1)
     after = step(viewer)
@@ -89,9 +89,9 @@ def test_the_camera_follows_a_frame(viewer: Viewer, tree: Tree) -> None:
 def test_there_must_be_a_frame_to_follow(viewer: Viewer, tree: Tree) -> None:
     tree.set("map", "base", 1)
     step(viewer)
-    viewer.panel._follow.value = True
+    viewer.panel.follow.value = True
     step(viewer)
-    assert not viewer.panel.follow
+    assert not viewer.panel.follow.value
 
 
 def test_a_robots_shapes(viser_server: Any, tree: Tree, tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_robots_shapes(viser_server: Any, tree: Tree, tmp_path: Path) -> None:
         drawn = viewer.models._nodes["r1/box_link"]
         np.testing.assert_allclose(drawn._frame.position, (3, 0, 0), atol=1e-9)
         assert drawn._frame.visible
-        viewer.panel._robot.value = 0.0
+        viewer.panel.robot.value = 0.0
         step(viewer)
         assert not drawn._frame.visible
 
@@ -185,7 +185,7 @@ def test_trails_and_trouble(viewer: Viewer, tree: Tree) -> None:
     step(viewer)
     assert len(viewer.scene._trails.handle.points) > 10
     assert "no heartbeat from the server for 5 s" in viewer.panel.status.content
-    viewer.panel._trail.value = 0.0
+    viewer.panel.trail.value = 0.0
     step(viewer)
     assert len(viewer.scene._trails.handle.points) == 0
 

@@ -250,20 +250,20 @@ class Viewer:
         length_m = self._options.axes_m or axes_m(self._link_m, camera)
         look = Look(
             stale_s=self._options.stale_s,
-            axes_m=length_m * self.panel.axes_factor,
-            names=self.panel.names,
+            axes_m=length_m * self.panel.axes.value,
+            names=self.panel.names.value,
             selected=self.panel.selected,
             hidden=hidden,
             faults=self.findings.of_frames(),
         )
         self.scene.draw(placement, self._links, look, camera)
-        self.models.draw(placement, self.scene.origin, hidden, self.panel.robot_opacity)
+        self.models.draw(placement, self.scene.origin, hidden, self.panel.robot.value)
         self._draw_ghost(look)
 
     def _draw_ghost(self, look: Look) -> None:
         """Draw the picked frame of a server as it is now."""
         name, self._estimate = look.selected or "", None
-        if self._is_live and self.panel.estimate and name in self._placement.rows:
+        if self._is_live and self.panel.estimate.value and name in self._placement.rows:
             # By the server's clock rather than this machine's, unless the stamps are of another.
             stamp_ns = None if is_clock(self._time_ns or 0) else self._time_ns
             try:
@@ -279,13 +279,13 @@ class Viewer:
 
     def _follow(self) -> None:
         """Move the scene's origin as the frame that is followed does: its camera stays."""
-        if not self.panel.follow:
+        if not self.panel.follow.value:
             self._followed = None
             return
         row = self._placement.rows.get(self._followed or self.panel.selected or "")
         if row is None:
             if self._followed is None:
-                self.panel.unfollow()
+                self.panel.follow.value = False  # there is nothing to follow
             return
         position = self._placement.poses[row, :3]
         if self._followed is None:
@@ -315,7 +315,7 @@ class Viewer:
             self.scene.measure(self.cameras.show(points))
 
     def _draw_trails(self) -> None:
-        length_s = self.panel.trail_s
+        length_s = self.panel.trail.value
         hidden = self.panel.frames.unchecked
         drawn = (self._fixed, self._time_ns, length_s, len(self._links), len(hidden))
         if drawn == self._trail:

@@ -19,7 +19,7 @@ GO_TO: Final = "go to frame"
 
 
 class Panel:
-    """The controls, which the viewer's thread reads, and what it shows in them."""
+    """The controls, whose values the viewer's thread reads, and what it shows in them."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class Panel:
             self._frame: Any = gui.add_dropdown("frame", [_NONE], hint="or click one in the scene")
             camera = gui.add_button_group("camera", (SHOW_ALL, GO_TO))
             camera.on_click(lambda event: self.pressed.append(event.target.value))
-            self._follow: Any = gui.add_checkbox(
+            self.follow: Any = gui.add_checkbox(
                 "follow frame", False, hint="the camera moves as the frame that is picked now does"
             )
             self.figures: Any = self._html("")
@@ -67,16 +67,16 @@ class Panel:
         """Make the controls of how things are drawn."""
         gui = self._gui
         with gui.add_folder("drawing"):
-            self._axes: Any = gui.add_slider("axes [x]", 0.1, 5.0, 0.1, 1.0)
-            self._names: Any = gui.add_dropdown("names", NAMES, initial_value=ALL)
+            self.axes: Any = gui.add_slider("axes [x]", 0.1, 5.0, 0.1, 1.0)
+            self.names: Any = gui.add_dropdown("names", NAMES, initial_value=ALL)
             most_s = 60.0 if is_live else max(60.0, self.clock.length_s)
-            self._trail: Any = gui.add_slider("trail [s]", 0.0, most_s, 1.0, min(trail_s, most_s))
-            self._estimate: Any = gui.add_checkbox(
+            self.trail: Any = gui.add_slider("trail [s]", 0.0, most_s, 1.0, min(trail_s, most_s))
+            self.estimate: Any = gui.add_checkbox(
                 "estimate",
                 True,
                 hint="the picked frame as it is now, and a ball that it is in",
             )
-            self._robot: Any = gui.add_slider(
+            self.robot: Any = gui.add_slider(
                 "robot", 0.0, 1.0, 0.1, 0.7, visible=has_robot, hint="how opaque its shapes are"
             )
 
@@ -89,30 +89,6 @@ class Panel:
     @property
     def selected(self) -> str | None:
         return self._entries.get(self._frame.value)
-
-    @property
-    def follow(self) -> bool:
-        return bool(self._follow.value)
-
-    @property
-    def axes_factor(self) -> float:
-        return float(self._axes.value)
-
-    @property
-    def names(self) -> str:
-        return str(self._names.value)
-
-    @property
-    def trail_s(self) -> float:
-        return float(self._trail.value)
-
-    @property
-    def estimate(self) -> bool:
-        return bool(self._estimate.value)
-
-    @property
-    def robot_opacity(self) -> float:
-        return float(self._robot.value)
 
     # --- what it shows
 
@@ -132,10 +108,6 @@ class Panel:
         """Show the figures of a frame."""
         if entry_of(name) in self._entries:
             self._frame.value = entry_of(name)
-
-    def unfollow(self) -> None:
-        """Take the mark from the check-box, as there is nothing to follow."""
-        self._follow.value = False
 
     def show(self, handle: Any, content: str) -> None:
         """Set an HTML element; nothing is sent if it has this content."""
