@@ -214,7 +214,9 @@ class Limits:
         "the same, with the authority that has the most waiting",
     )
     metrics_authorities: int = _fixed(
-        100, "authorities with metrics of their own (`--metrics`)", "the others are summed as one"
+        100,
+        "authorities with metrics of their own (`--metrics`)",
+        "the others have none; the totals of the server count them",
     )
     change_log_bytes: int = _fixed(
         64 << 20,

@@ -29,7 +29,6 @@ from zenoh_tf import StampedTransform, Transform, wire
 from zenoh_tf.errors import LookupException
 from zenoh_tf.introspection import metric_table
 from zenoh_tf.text.flag_values import host_and_port
-from zenoh_tf_server.monitoring.authority_series import OTHER, AuthoritySeries
 from zenoh_tf_server.monitoring.status_port import Page, StatusPort
 from zenoh_tf_server.requests.counters import RequestCounters, buckets
 
@@ -121,11 +120,11 @@ def test_authorities_are_bounded_and_their_names_are_safe(server: ServerProcess)
             tf.set_transform(link(f"f{number}"), authority=name)
         found = until(server, lambda found: value(found, "commits_total") == len(names))
         labels = {dict(labels).get("authority") for _, labels in found} - {None}
-        assert len(labels) == 101 and OTHER in labels
+        assert len(labels) == 100
         assert all(label is not None and label.isprintable() for label in labels)
         stored = "authority_transforms_stored_total"
         total = sum(number for (name, _), number in found.items() if name == f"zenoh_tf_{stored}")
-        assert total == len(names)
+        assert total == len(labels)
 
 
 def test_refused_puts_are_counted_by_authority(server: ServerProcess) -> None:
@@ -296,34 +295,6 @@ def test_addresses(text: str) -> None:
 def test_wrong_addresses(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=r"is not HOST:PORT"):
         host_and_port(text)
-
-
-def record(name: str, stored: int, frames: int = 1) -> dict[str, object]:
-    fields = dict.fromkeys(metric_table.FROM_AUTHORITIES, 0)
-    return {**fields, "name": name, "stored": stored, "frames": frames}
-
-
-def test_the_sum_of_the_other_authorities_never_falls() -> None:
-    series = AuthoritySeries(1)
-    a = record("a", 1)
-    assert series.values([a])["a"]["stored"] == 1
-    found = series.values([a, record("b", 10), record("c", 5)])
-    assert (found[OTHER]["stored"], found[OTHER]["frames"]) == (15, 2)
-    assert "stamp_age_s" in found["a"] and "stamp_age_s" not in found[OTHER]
-    found = series.values([a, record("b", 12)])  # c is forgotten
-    assert (found[OTHER]["stored"], found[OTHER]["frames"]) == (17, 1)
-    found = series.values([a, record("b", 12), record("c", 2)])  # and comes back
-    assert found[OTHER]["stored"] == 19
-    found = series.values([record("b", 13), record("c", 2)])  # a is forgotten: its place is free
-    assert found.keys() == {OTHER} and found[OTHER]["stored"] == 20
-    found = series.values([record("b", 13), record("c", 2), record("d", 7)])
-    assert found["d"]["stored"] == 7 and found[OTHER]["stored"] == 20
-
-
-def test_authorities_with_the_same_label_share_a_series() -> None:
-    names = ["x" * 200 + end for end in ("a", "b")]
-    found = AuthoritySeries(5).values([record(name, 3) for name in names])
-    assert [counts["stored"] for counts in found.values()] == [6]
 
 
 def end(counters: RequestCounters, begun_ns: int) -> None:

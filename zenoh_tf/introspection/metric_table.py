@@ -207,9 +207,6 @@ FROM_ROBOTS: Final[dict[str, Metric]] = {
     ),
 }
 
-#: Fields of an authority's record without a meaningful sum over several authorities.
-NOT_SUMMED: Final = frozenset({"clock_offset_min_s", "clock_offset_max_s", "stamp_age_s"})
-
 #: Fields of an authority's record that are no metrics.
 AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset(
     {"name", "last_refusal", "refused_by_reason"}

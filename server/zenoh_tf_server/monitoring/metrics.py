@@ -10,18 +10,17 @@ from __future__ import annotations
 import platform
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import admission
 from zenoh_tf.introspection import metric_table
 from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
-from zenoh_tf.text import printable
+from zenoh_tf.text import cut, printable
 
 from ..requests.counters import OK, buckets
 from ..transport.running_server import RunningServer
-from .authority_series import AuthoritySeries
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric as Family
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
 #: The tree is read at most this often: that costs time that grows with the number of frames.
 _REFRESH_S: Final = 1.0
+_MAX_LABEL_CHARS: Final = 100
 
 Value = tuple[Metric, tuple[str, ...], Any]
 
@@ -58,7 +58,8 @@ class Metrics:
         prometheus_client.ProcessCollector(registry=self._registry)
         self._health = health
         self._server: RunningServer | None = None
-        self._authorities = AuthoritySeries(max_authorities)
+        self._max_authorities = max_authorities
+        self._authorities: set[str] = set()  # those that have series
         self._lock = threading.Lock()
         self._page = b""
         self._page_until_s = 0.0
@@ -119,10 +120,24 @@ class Metrics:
         for name, limit in service.limits.as_dict().items():
             yield metric_table.LIMIT, (name,), float(limit)
         yield from _from_stats(service.stats())
-        for name, fields in self._authorities.values(service.info_requests.authorities()).items():
-            for field, value in fields.items():
-                yield FROM_AUTHORITIES[field], (name,), value
+        yield from self._from_authorities(service.info_requests.authorities())
         yield from _from_requests(server)
+
+    def _from_authorities(self, records: Sequence[Mapping[str, Any]]) -> Iterator[Value]:
+        """Values of the first authorities, for as long as they have a record. Anyone may publish
+        under any name, and Prometheus keeps a series for each."""
+        self._authorities &= {record["name"] for record in records}
+        labels = set[str]()
+        for record in records:
+            label = cut(printable(record["name"]), _MAX_LABEL_CHARS)
+            if len(self._authorities) < self._max_authorities:
+                self._authorities.add(record["name"])
+            if record["name"] not in self._authorities or label in labels:
+                continue
+            labels.add(label)
+            for field, metric in FROM_AUTHORITIES.items():
+                if isinstance(record.get(field), (int, float)):
+                    yield metric, (label,), float(record[field])
 
 
 def _from_stats(stats: Mapping[str, Any]) -> Iterator[Value]:
