@@ -286,7 +286,7 @@ def test_queries(any_server: ServerProcess) -> None:
     with any_server.connect() as tf:
         tree = fill(tf)
         check_answers(tf, tree)
-        check_answers(InBatches(tf), tree)
+        check_answers(InBatches(tf), tree, 300)
         check_invalid(tf)
         check_refused(tf, tree)
         with pytest.raises(InvalidArgumentException, match="timeout_s"):

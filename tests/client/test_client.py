@@ -216,7 +216,7 @@ def test_waiting_lookups(any_server: ServerProcess) -> None:
 
 def test_more_waiters_than_allowed(start_server: StartServer) -> None:
     server = start_server("--limit", "waiters=1")
-    with server.connect() as tf, ThreadPoolExecutor(1) as pool:
+    with server.connect(2.0) as tf, ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(tf.can_transform, "a", "b", timeout_s=60.0)
         while tf.stats()["waiters"] < 1:
             pass

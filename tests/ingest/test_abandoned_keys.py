@@ -16,7 +16,7 @@ from tests.processes.ports import free_endpoint
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf._zenoh.abandoned_keys import AbandonedKeys
 
-COUNT = 3000
+COUNT = 1000
 #: A publisher of each name, in a process that is then killed.
 PUBLISH = """
 import sys, zenoh

@@ -35,7 +35,7 @@ def test_robots_cost_no_threads(start_server: StartServer) -> None:
 
 def test_robots_that_are_away_hold_no_robot_up(start_server: StartServer) -> None:
     """More of them than attempts to connect at once."""
-    away = [f"--mirror-of=away{number}={free_endpoint()}" for number in range(20)]
+    away = [f"--mirror-of=away{number}={free_endpoint()}" for number in range(12)]
     server = start_server()
     site = start_server(*away, f"--mirror-of=here={server.endpoint},rate=20")
     with server.connect() as robot, site.connect() as tf:

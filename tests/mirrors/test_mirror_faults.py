@@ -83,7 +83,7 @@ def test_a_mirror_behind_a_broken_link(
                 before = check_whole(m)
                 if fault == "hold":
                     proxy.hold()
-                    wait_until(lambda: m.age_s > 1, "it does not age")
+                    wait_until(lambda: m.age_s > 0.6, "it does not age")
                     assert check_whole(m) >= before
                     with pytest.raises(ServerUnavailable):
                         m.lookup_latest_transform(*pair, max_age_s=0.5)

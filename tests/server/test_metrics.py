@@ -256,7 +256,7 @@ def test_connections_that_drip_do_not_take_all(server: ServerProcess, path: str)
         slow = [stack.enter_context(socket.create_connection(where)) for _ in range(40)]
         for connection in slow:
             connection.sendall(b"GET /healthz HTTP/1.1\r\nX: ")
-        for _ in range(5):
+        for _ in range(2):
             for connection in slow:
                 with contextlib.suppress(OSError):  # it was ended
                     connection.sendall(b"a")

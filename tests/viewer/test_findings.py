@@ -31,7 +31,8 @@ class Observed:
         yield TreeFacts([LinkFacts(frame) for frame in frames], 1)
 
 
-def test_faults_are_found_while_someone_looks() -> None:
+def test_faults_are_found_while_someone_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(findings_module, "_PAUSE_S", 0.01)
     looks = threading.Event()
     observed = Observed()
     findings = Findings(observed, wanted=looks.is_set)
