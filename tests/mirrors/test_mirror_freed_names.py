@@ -7,39 +7,13 @@ import threading
 import pytest
 
 from tests.conftest import StartServer
-from tests.support.logged_trees import Mirror, make_tree, state
 from tests.support.small_robot import link
 from zenoh_tf import wire
-from zenoh_tf._core import ChangeLog
 from zenoh_tf.steps import Steps
 from zenoh_tf_client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
 SECOND = 1_000_000_000
-
-
-@pytest.mark.parametrize("frees", [False, True])
-def test_a_frame_that_comes_back_as_a_parent_has_the_trees_version(frees: bool) -> None:
-    """The first reparenting gives every frame a new version, also those without a name."""
-    tree = make_tree(max_frames=16, max_log_bytes=1 << 20)
-    log = ChangeLog(tree)
-    tree.set_transform(link("P", "F", 1))
-    tree.set_transform(link("Q", "G", 1))
-    tree.remove_frame("G")
-    tree.remove_frame("Q")
-    if frees:  # "Q" has lost its id, and gets another frame's
-        for i in range(16):
-            tree.set_transform(link("P", f"visitor{i}", 1))
-            tree.remove_frame(f"visitor{i}")
-    mirror = Mirror()
-    position = log.start()
-    mirror.load(log, 1 << 20, lambda: None)
-    tree.set_transform(link("Q", "F", 2))
-    _, last, _, changes = log.take(1 << 20)
-    assert last == position + 1
-    assert changes is not None
-    mirror.replay.apply(last, changes)
-    assert state(mirror.tree) == state(tree)
 
 
 def test_transactions_in_a_mirror_on_a_frame_that_came_back(client: TransformClient) -> None:

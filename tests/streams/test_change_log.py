@@ -13,7 +13,7 @@ from tests.support.runs import CONTROLS
 from tests.support.threads import beside
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf._core import ChangeLog, ChangeReplay, Changes, Frames, TransformRows
-from zenoh_tf.errors import InvalidArgumentException, LimitExceeded, TransformException
+from zenoh_tf.errors import InvalidArgumentException, TransformException
 
 
 def drain(log: ChangeLog, replay: ChangeReplay, position: int) -> int:
@@ -104,38 +104,6 @@ def test_concurrent_writers_are_mirrored(concurrency: str, max_frames: int) -> N
     expected = state(tree)
     for mirror in mirrors:
         assert state(mirror.tree) == expected
-
-
-def test_ids_that_pass_to_new_names() -> None:
-    """The tree uses the ids of removed frames again. A mirror that has no more room restarts."""
-    tree = make_tree(max_frames=16, max_log_bytes=1 << 20)
-    log = ChangeLog(tree)
-    mirror = Mirror(max_frames=16)
-    position = log.start()
-    mirror.load(log, 1 << 20, lambda: None)
-    snapshots = orphans = 0
-    for i in range(200):
-        stamped = StampedTransform(f"p{i}", "child", 1000 + i, Transform())
-        tree.set_transform(stamped)
-        tree.set_transform(StampedTransform(f"p{i}", f"c{i}", 1000 + i, Transform()))
-        if i > 2:
-            tree.remove_frame(f"c{i - 2}")
-            tree.remove_frame(f"p{i - 2}")
-        try:
-            first, last, lost, changes = log.take(1 << 20)
-            assert (first, lost) == (position + 1, False)
-            position = last
-            assert changes is not None
-            orphans += int(np.count_nonzero(changes.kind == 6))
-            mirror.replay.apply(last, changes)
-        except LimitExceeded:
-            snapshots += 1
-            mirror = Mirror(max_frames=16)
-            mirror.load(log, 1 << 20, lambda: None)
-        versions = {name: tree.frame(name).version for name in tree.frames()}
-        assert versions == {name: mirror.tree.frame(name).version for name in mirror.tree.frames()}
-    assert 0 < snapshots < 100
-    assert orphans > 0
 
 
 @pytest.mark.parametrize("late_rows", [1, 3])

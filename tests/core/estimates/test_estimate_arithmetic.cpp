@@ -113,35 +113,3 @@ TEST(lags_are_rounded_up_by_a_fifth_at_most) {
   }
   CHECK(longest_lag(lag_bucket(std::numeric_limits<Stamp>::max())) > 0);
 }
-
-TEST(a_level_needs_a_span_of_history) {
-  CHECK_NEAR(window_s(window_class(0.9)), 10, 0);
-  CHECK(window_s(window_class(0.99)) >= 60);
-  CHECK(window_s(window_class(0.999)) >= 600);
-  CHECK(window_class(std::nextafter(1.0, 0.0)) < 64);
-}
-
-TEST(limits_bound_what_a_link_may_do) {
-  LinkNow link{};
-  link.kind = LinkNow::Kind::carried;
-  link.lag = 100'000'000;
-  link.older = link.newer = {0, at_x(0)};
-  link.before.fill({-50'000'000, at_x(-0.05)});  // 1 m/s
-  const MotionLimits speed{.speed = 2, .rate = 1};
-  const Residual held = deviation(link, Predictor::hold, at_x(0), speed);
-  CHECK_NEAR(held.metres, 0.2, 1e-12);
-  CHECK_NEAR(held.radians, 0.1, 1e-12);
-  // With 3 m/s^2: 0.5 * 3 * 0.1 * (0.1 + 0.05), as the speed is the mean one of 50 ms.
-  const MotionLimits accel{.speed = 2, .accel = 3, .rate = 0};
-  CHECK_NEAR(deviation(link, Predictor::twist_1, at_x(0.1), accel).metres, 0.0225, 1e-12);
-  CHECK(std::isinf(deviation(link, Predictor::hold, at_x(0), MotionLimits{}).metres));
-  const MotionLimits clock{.speed = 2, .rate_accel = 1, .clock_error = 0.05};
-  CHECK_NEAR(clock_deviation(link, clock).metres, 0.1, 1e-12);
-  CHECK(std::isinf(clock_deviation(link, clock).radians));
-  CHECK_NEAR(clock_deviation(link, speed).metres, 0, 0);
-  link.kind = LinkNow::Kind::between;
-  link.newer = {100'000'000, at_x(0.1)};
-  link.elapsed = 5e7;
-  CHECK_NEAR(deviation(link, Predictor::hold, at_x(0.05), accel).metres, 0.5 * 3 * 0.05 * 0.05,
-             1e-12);
-}

@@ -181,28 +181,3 @@ TEST_EACH_MODE(a_loop_of_past_links_has_a_second_chain) {
       check_same(w, at_times(w, target, source, stamps));
   }
 }
-
-TEST(gaps_are_said_and_refused) {
-  // A sample each 10 ns, but none between 500 and 600.
-  World w;
-  for (Stamp stamp = 0; stamp <= 1000; stamp += 10)
-    if (stamp <= 500 || stamp >= 600) w.set("a", "b", stamp, some_pose(1));
-  const std::vector<Stamp> stamps{45, 495, 500, 505, 550, 599, 600, 605};  // enough for a block
-  const std::vector<Stamp> gaps{0, 0, 0, 100, 100, 100, 0, 0};
-  std::vector<Query> queries = at_times(w, "a", "b", stamps);
-  std::vector<Answer> answers(queries.size());
-  for (const Stamp limit : {kNoGapLimit, Stamp{100}, Stamp{99}, Stamp{10}, kNoGaps}) {
-    const bool refuses = limit != kNoGapLimit && limit < 100;
-    for (Query& query : queries) query.max_gap = limit;
-    w.tree.lookup_batch(queries, answers);
-    for (std::size_t i = 0; i < stamps.size(); ++i) {
-      const Failure& failure = answers[i].failure;
-      CHECK_EQ(failure.code, refuses && gaps[i] != 0 ? Code::gap : Code::ok);
-      if (failure.code == Code::ok)
-        CHECK_EQ(answers[i].gap, gaps[i]);
-      else
-        CHECK(failure.frame == w.id("b") && failure.parent == w.id("a") && failure.oldest == 500 &&
-              failure.newest == 600 && failure.max_gap == limit);
-    }
-  }
-}

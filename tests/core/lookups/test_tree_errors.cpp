@@ -147,38 +147,3 @@ TEST_EACH_MODE(full_lookups_blame_the_leg_that_failed) {
   CHECK_EQ(full("nope", 115, "nope", 15, "nope").failure.code, Code::lookup);
   CHECK_EQ(full("b", 115, "b", 15, "b").failure.code, Code::ok);
 }
-
-TEST_EACH_MODE(failures_count_for_the_link_whose_newest_sample_is_the_oldest) {
-  World w(c);
-  const Stamp now = 1'700'000'000'000'000'000, second = 1'000'000'000;
-  w.set("map", "odom", now - 20);
-  w.set("odom", "base", now - 10);
-  (void)w.commit({{"base", "lidar", 0}}, {.is_static = true});
-  const auto counted = [&](const char* target, const char* source, Stamp stamp, Stamp asked_at,
-                           const char* link) {
-    const FrameEvents& events = w.tree.events(w.id(link));
-    const auto before = events.late_failures.load(), ns_before = events.late_ns.load();
-    w.tree.count_failed(w.at(target, source, stamp).failure, asked_at);
-    return std::pair(events.late_failures.load() - before, events.late_ns.load() - ns_before);
-  };
-  using Counts = std::pair<std::uint64_t, std::uint64_t>;
-  CHECK(counted("map", "lidar", now, now, "odom") == Counts(1, 20));
-  CHECK(counted("lidar", "map", now, now, "odom") == Counts(1, 20));
-  // The link from map to odom is older, but the lookup does not need it.
-  CHECK_EQ(w.at("odom", "lidar", now).failure.frame, w.id("base"));
-  CHECK(counted("odom", "lidar", now, now, "base") == Counts(1, 10));
-  CHECK(counted("base", "lidar", now, now, "base") == Counts(0, 0));  // it succeeds
-  // The bounds of what is plausible.
-  const Stamp most_late = now - 10 + 10 * second;
-  CHECK(counted("odom", "base", most_late, most_late, "base") == Counts(1, 10'000'000'000));
-  CHECK(counted("odom", "base", most_late + 1, most_late + 1, "base") == Counts(0, 0));
-  CHECK(counted("odom", "base", now, now - second / 10, "base") == Counts(1, 10));
-  CHECK(counted("odom", "base", now, now - second / 10 - 1, "base") == Counts(0, 0));
-  const Stamp latest = std::numeric_limits<Stamp>::max(), earliest = kNoStamp + 1;
-  CHECK(counted("odom", "base", latest, now, "base") == Counts(0, 0));
-  CHECK(counted("odom", "base", earliest, now, "base") == Counts(0, 0));
-  CHECK(counted("odom", "nowhere", now, now, "base") == Counts(0, 0));
-  w.tree.remove_frame("base", true);
-  w.set("odom", "base", now);
-  CHECK_EQ(w.tree.events(w.id("base")).late_failures.load(), 0u);
-}

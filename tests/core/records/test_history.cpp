@@ -262,25 +262,3 @@ TEST(what_the_cache_time_prunes_is_not_evicted) {
     CHECK_EQ(h.frame->count.load(), 3u);
   }
 }
-
-TEST(a_ring_that_was_given_back_is_used_again) {
-  OwnedArena memory;
-  const Ring a = Ring::make(8, memory), b = Ring::make(8, memory), c = Ring::make(16, memory);
-  const std::uint64_t bytes = memory.bytes();
-  a.give_back(memory);
-  b.give_back(memory);
-  CHECK(&Ring::make(8, memory).sample(0) == &b.sample(0));
-  CHECK(&Ring::make(8, memory).sample(0) == &a.sample(0));
-  CHECK_EQ(memory.bytes(), bytes);
-  CHECK(&Ring::make(16, memory).sample(0) != &c.sample(0));
-  CHECK(memory.bytes() > bytes);
-}
-
-TEST(one_late_sample_is_merged_where_it_would_move_many) {
-  History h(1'000'000, 1u << 14);
-  for (Stamp stamp = 0; stamp < 60'000; stamp += 10) h.put(stamp, 1);  // 6,000 samples
-  CHECK(!should_merge(*h.frame, 59'000, 1));
-  CHECK(!should_merge(*h.frame, 50'001, 1));  // a merge would copy six times as many as it moves
-  CHECK(should_merge(*h.frame, 5, 1));
-  CHECK(!should_merge(*h.frame, 10, 1));  // replaces a sample, and moves none
-}
