@@ -96,8 +96,8 @@ def test_the_command_line_wins(tmp_path: Path) -> None:
     assert (options.listen, options.connect) == ([], ["tcp/[::1]:9"])
 
 
-@pytest.mark.parametrize("value", ['"1G"', '"1024M"', "1073741824", '"1073741824"'])
-def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str) -> None:
+@pytest.mark.parametrize("value", ['"1G"', "1073741824"])
+def test_a_value_is_read_as_on_the_command_line(tmp_path: Path, value: str) -> None:
     assert parse(tmp_path, f"max-memory = {value}").max_memory == 1 << 30
 
 
@@ -106,7 +106,6 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
     [
         ("max-memory = '1X'", "max-memory: '1X' is not a number of bytes"),
         ("[limits]\nmemory = '1G'", "memory has a flag of its own, --max-memory"),
-        ("[limits]\nrow = 1", "there is no limit 'row': did you mean rows?"),
         ("[limits]\ntree = 'a'", "there is no limit 'tree'"),
         ("[limit]\nrows = 1", "unknown key 'limit': did you mean 'limits'?"),
         ("limit = ['rows=1']", "unknown key 'limit': did you mean 'limits'?"),
@@ -122,12 +121,8 @@ def test_bytes_may_have_a_unit_as_on_the_command_line(tmp_path: Path, value: str
         pytest.param("a = " + "[" * 100_000, "is nested too deeply", id="deep array"),
         pytest.param("a = " + "{a=" * 50_000, "is nested too deeply", id="deep table"),
         ("workers = 100000", "workers: '100000' is not a whole number from 1 to 256"),
-        ("workers = 5.5", "workers: '5.5' is not a whole number from 1 to 256"),
         ("workers = true", "workers must be a text or a number, not True"),
-        ("cache-time = 'x'", "cache-time: 'x' is not a duration"),
         ("cache-time = 30", "cache-time: '30' is ambiguous: 30 seconds or 30 milliseconds"),
-        ("cache-time = true", "cache-time must be a text or a number, not True"),
-        ("max-future-s = 'x'", "max-future-s: 'x' is not a number"),
         ("tree = []", "tree must be a text or a number"),
         ("no-admin = 1", "no-admin must be true or false"),
         ("listen = [[]]", "listen must be a text"),

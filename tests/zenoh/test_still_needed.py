@@ -22,6 +22,8 @@ from zenoh.handlers import Callback, FifoChannel
 from tests.processes.ports import free_endpoint
 from zenoh_tf._net import zenoh_config
 
+pytestmark = pytest.mark.service  # takes as long as tests with a server
+
 #: Far above what both sockets of a link, and Zenoh's queues, have room for.
 LONG = b"x" * (8 << 20)
 
