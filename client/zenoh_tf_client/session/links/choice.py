@@ -9,6 +9,7 @@ Thread safety: one thread at a time.
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Sequence
 from typing import Final
 
@@ -51,7 +52,7 @@ class Links:
         self._tree = tree
         self._timeout_s = timeout_s
         self._credentials = credentials
-        self._exchange = exchange
+        self._exchange: Exchange = weakref.proxy(exchange)  # which has this
         #: How long one attempt at one of several endpoints may take: longer on a slow network.
         self._attempt_s = opening.FIRST_OF_SEVERAL_S
         self._link: Link | None = None  # the one in use
