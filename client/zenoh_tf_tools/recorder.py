@@ -89,7 +89,7 @@ class Recorder:
         self._plan: tuple[str, int] | None = None  # instance and number of an unfinished snapshot
         self._snapshot: list[wire.Frames] = []  # its pieces
         self._thread = threads.start("recorder", self._write)
-        self._feed = MirrorFeed(MirrorSource(client._connection), self._on_copy, observer=self)
+        self._feed = MirrorFeed(MirrorSource(client.connection), self._on_copy, observer=self)
 
     # --- what its owner calls
 

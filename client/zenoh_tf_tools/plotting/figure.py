@@ -57,7 +57,7 @@ def save(histories: Sequence[PairHistory], path: Path, error: Any | None = None)
     panels.append(_Panel("age [s]", _LOW, [h.ages_s for h in histories], from_zero=True))
     # Names are no formulas, whatever characters they have.
     with mpl.rc_context({"text.usetex": False, "text.parse_math": False}):
-        _Panels(histories, panels).draw().savefig(path, dpi=110)
+        _draw(histories, panels).savefig(path, dpi=110)
 
 
 class _Panel(NamedTuple):
@@ -78,75 +78,65 @@ class _Panel(NamedTuple):
     from_zero: bool = False
 
 
-class _Panels:
+def _draw(histories: Sequence[PairHistory], panels: Sequence[_Panel]) -> Figure:
     """Panels below each other, each with the lines of all pairs."""
+    heights = [panel.inches for panel in panels]
+    figure = Figure(figsize=(_WIDTH, sum(heights) + _AROUND), layout="constrained")
+    grid = figure.subplots(len(heights), sharex=True, height_ratios=heights, squeeze=False)
+    times_s = histories[0].times_s
+    for axes, panel in zip(grid[:, 0], panels, strict=True):
+        for style, values in zip(_STYLES, panel.columns, strict=False):
+            for column, (label, colour) in zip(
+                values.reshape(len(values), -1).T, panel.labels, strict=True
+            ):
+                # The legend has the colours once, whatever the number of pairs.
+                name = label if label and style == _STYLES[0] else None
+                axes.plot(times_s, column, label=name, color=colour, linewidth=1, linestyle=style)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        axes.set_ylabel(panel.label)
+        axes.grid(alpha=0.3)
+        axes.margins(x=0)
+        if panel.from_zero:
+            least = np.nanmin([0.0, *panel.columns[0], *panel.columns[-1]])
+            axes.set_ylim(bottom=min(0.0, least))
+        _shade(axes, histories)
+    grid[-1, 0].set_xlabel(f"time [s] since {seconds(int(histories[0].stamps_ns[0]))} s")
+    figure.align_ylabels()
+    _name(figure, histories)
+    return figure
 
-    def __init__(self, histories: Sequence[PairHistory], panels: Sequence[_Panel]) -> None:
-        self._histories = histories
-        self._panels = panels
 
-    def draw(self) -> Figure:
-        """The figure."""
-        heights = [panel.inches for panel in self._panels]
-        figure = Figure(figsize=(_WIDTH, sum(heights) + _AROUND), layout="constrained")
-        grid = figure.subplots(len(heights), sharex=True, height_ratios=heights, squeeze=False)
-        for axes, panel in zip(grid[:, 0], self._panels, strict=True):
-            columns = panel.columns
-            for style, values in zip(_STYLES, columns, strict=False):
-                self._lines(axes, values, panel.labels, style)
-            if axes.get_legend_handles_labels()[0]:
-                axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-            axes.set_ylabel(panel.label)
-            axes.grid(alpha=0.3)
-            axes.margins(x=0)
-            if panel.from_zero:
-                axes.set_ylim(bottom=min(0.0, np.nanmin([0.0, *columns[0], *columns[-1]])))
-            self._shade(axes)
-        first_ns = int(self._histories[0].stamps_ns[0])
-        grid[-1, 0].set_xlabel(f"time [s] since {seconds(first_ns)} s")
-        figure.align_ylabels()
-        self._name(figure)
-        return figure
+def _shade(axes: Any, histories: Sequence[PairHistory]) -> None:
+    """Shade the times at which a pair has no answer."""
+    for history in histories:
+        axes.fill_between(
+            history.times_s,
+            0,
+            1,
+            where=~history.answered,
+            transform=axes.get_xaxis_transform(),
+            color=_RED,
+            alpha=0.12,
+            linewidth=0,
+            step="mid",
+        )
 
-    def _lines(
-        self, axes: Any, values: Any, labels: tuple[tuple[str, str], ...], style: Any
-    ) -> None:
-        rows = values.reshape(len(values), -1)
-        for column, (label, colour) in zip(rows.T, labels, strict=True):
-            # The legend has the colours once, whatever the number of pairs.
-            name = label if label and style == _STYLES[0] else None
-            times_s = self._histories[0].times_s
-            axes.plot(times_s, column, label=name, color=colour, linewidth=1, linestyle=style)
 
-    def _shade(self, axes: Any) -> None:
-        """Shade the times at which a pair has no answer."""
-        for history in self._histories:
-            axes.fill_between(
-                history.times_s,
-                0,
-                1,
-                where=~history.answered,
-                transform=axes.get_xaxis_transform(),
-                color=_RED,
-                alpha=0.12,
-                linewidth=0,
-                step="mid",
-            )
-
-    def _name(self, figure: Figure) -> None:
-        """Say which pairs are drawn, and what shades mean, outside of the panels."""
-        names = [f"{_printed(h.source)} in {_printed(h.target)}" for h in self._histories]
-        if len(names) == 1:
-            figure.suptitle(names[0])
-        else:
-            lines = [
-                Line2D([], [], color=_GREY, linewidth=1, linestyle=style, label=name)
-                for style, name in zip(_STYLES, names, strict=True)
-            ]
-            figure.legend(handles=lines, loc="outside upper center", frameon=False)
-        if not all(history.answered.all() for history in self._histories):
-            shade = Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer")
-            figure.legend(handles=[shade], loc="outside lower right", frameon=False)
+def _name(figure: Figure, histories: Sequence[PairHistory]) -> None:
+    """Say which pairs are drawn, and what shades mean, outside of the panels."""
+    names = [f"{_printed(h.source)} in {_printed(h.target)}" for h in histories]
+    if len(names) == 1:
+        figure.suptitle(names[0])
+    else:
+        lines = [
+            Line2D([], [], color=_GREY, linewidth=1, linestyle=style, label=name)
+            for style, name in zip(_STYLES, names, strict=True)
+        ]
+        figure.legend(handles=lines, loc="outside upper center", frameon=False)
+    if not all(history.answered.all() for history in histories):
+        shade = Patch(color=_RED, alpha=0.12, linewidth=0, label="no answer")
+        figure.legend(handles=[shade], loc="outside lower right", frameon=False)
 
 
 def _angles(rotations: Any) -> Any:

@@ -77,45 +77,27 @@ def pose_error(
     return np.linalg.norm(poses[:, :3] - reference[:, :3], axis=1), angles
 
 
-class _Rows:
-    """The rows of a pair so far."""
+#: A time, the pose, the age and the velocity then.
+_Row = tuple[int, list[float], float, list[float]]
 
-    def __init__(self, pair: Pair, *, velocity: bool) -> None:
-        self.pair = pair
-        self._asks_velocity = velocity
-        self._stamps_ns: list[int] = []
-        self._poses: list[list[float]] = []
-        self._ages_s: list[float] = []
-        self._velocities: list[list[float]] = []
-        self.error: TransformException | None = None
 
-    def add(self, stamp_ns: int, pose: list[float], age_s: float) -> None:
-        self._stamps_ns.append(stamp_ns)
-        self._poses.append(pose)
-        # An interpolated age says nothing where there is no pose.
-        self._ages_s.append(float("nan") if np.isnan(pose[0]) else age_s)
+def _history(
+    pair: Pair, rows: Sequence[_Row], error: TransformException | None, *, velocity: bool
+) -> PairHistory:
+    stamps_ns, poses, ages_s, velocities = (np.array(column) for column in zip(*rows, strict=True))
+    # An interpolated age says nothing where there is no pose.
+    ages_s[np.isnan(poses[:, 0])] = np.nan
+    return PairHistory(*pair, stamps_ns, poses, ages_s, velocities if velocity else None, error)
 
-    def add_velocity(self, lookups: Lookups, stamp_ns: int | None) -> None:
-        """Look the velocity of the pair up, if it is wanted; None: at the latest common time."""
-        if not self._asks_velocity:
-            return
-        target, source = self.pair
-        try:
-            found = lookups.lookup_velocity(source, target, stamp_ns)
-        except TransformException:  # the pose fails, too, or a window at the begin is too early
-            self._velocities.append(_NO_VELOCITY)
-        else:
-            self._velocities.append([*found.linear.tolist(), *found.angular.tolist()])
 
-    def history(self) -> PairHistory:
-        return PairHistory(
-            *self.pair,
-            np.array(self._stamps_ns, np.int64),
-            np.array(self._poses).reshape(-1, 7),
-            np.array(self._ages_s),
-            np.array(self._velocities).reshape(-1, 6) if self._asks_velocity else None,
-            self.error,
-        )
+def _velocity(lookups: Lookups, pair: Pair, stamp_ns: int | None) -> list[float]:
+    """The velocity of a pair; None: at the latest common time."""
+    target, source = pair
+    try:
+        found = lookups.lookup_velocity(source, target, stamp_ns)
+    except TransformException:  # the pose fails, too, or a window at the begin is too early
+        return _NO_VELOCITY
+    return [*found.linear.tolist(), *found.angular.tolist()]
 
 
 def follow(
@@ -130,25 +112,26 @@ def follow(
         velocity: Look their velocities up, too, at the latest common times.
     """
     live = LiveSource(mirror)
-    rows = [_Rows(pair, velocity=velocity) for pair in pairs]
+    rows: list[list[_Row]] = [[] for _ in pairs]
+    errors: list[TransformException | None] = [None for _ in pairs]
     start_ns, start_s = time.time_ns(), time.monotonic()
     clock_ns, turns = 0, 0
     while (now_s := time.monotonic() - start_s) < seconds or not turns:
-        for each in rows:
+        for number, pair in enumerate(pairs):
             pose, age_s = _NO_POSE, float("nan")
             try:
-                pose = [*mirror.lookup_latest_transform(*each.pair).transform.pose()]
-                chain = mirror.chain(*each.pair)
+                pose = [*mirror.lookup_latest_transform(*pair).transform.pose()]
+                chain = mirror.chain(*pair)
                 links = [link for name in chain if (link := live.link(name, clock_ns))]
                 clock_ns = live.now_ns(links)
                 age_s = _age_s(live, chain, clock_ns)
             except TransformException as error:
-                each.error = error
-            each.add(start_ns + round(now_s * 1e9), pose, age_s)
-            each.add_velocity(mirror, None)
+                errors[number] = error
+            moved = _velocity(mirror, pair, None) if velocity else _NO_VELOCITY
+            rows[number].append((start_ns + round(now_s * 1e9), pose, age_s, moved))
         turns += 1
         time.sleep(max(0.0, start_s + turns * _PERIOD_S - time.monotonic()))
-    return [each.history() for each in rows]
+    return [_history(*found, velocity=velocity) for found in zip(pairs, rows, errors, strict=True)]
 
 
 def replayed(
@@ -173,17 +156,18 @@ def replayed(
     stamps_ns = [first_ns + (last_ns - first_ns) * i // max(count - 1, 1) for i in range(count)]
     found = []
     for pair in pairs:
-        rows = _Rows(pair, velocity=velocity)
+        rows: list[_Row] = []
+        last_error: TransformException | None = None
         answers = recording.lookups.lookup_transforms(*pair, np.array(stamps_ns, np.int64))
         for stamp_ns, pose in zip(stamps_ns, answers.poses.tolist(), strict=True):
             age_s = float("nan")
             try:
                 age_s = _age_s(recording, recording.chain(*pair, stamp_ns), stamp_ns)
             except TransformException as error:
-                rows.error = error
-            rows.add(stamp_ns, pose, age_s)
-            rows.add_velocity(recording.lookups, stamp_ns)
-        found.append(rows.history())
+                last_error = error
+            moved = _velocity(recording.lookups, pair, stamp_ns) if velocity else _NO_VELOCITY
+            rows.append((stamp_ns, pose, age_s, moved))
+        found.append(_history(pair, rows, last_error, velocity=velocity))
     return found
 
 
