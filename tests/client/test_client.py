@@ -17,7 +17,6 @@ from zenoh_tf.errors import (
     LookupException,
     ServerBusy,
     ServerUnavailable,
-    TransformException,
 )
 from zenoh_tf_client import Broadcaster, TransformClient
 
@@ -86,19 +85,6 @@ def test_a_closed_client_says_so(server: ServerProcess) -> None:
     for call in (tf.frames, lambda: sensor.send(link("a", "b", 1)), lambda: tf.broadcaster("b")):
         with pytest.raises(ServerUnavailable, match="is closed"):
             call()
-
-
-def test_dropped_and_cleared(start_server: StartServer) -> None:
-    with start_server("--cache-time", "5s").connect() as tf:
-        assert tf.set_transform(link("map", "base", 100 * S)) is True
-        assert tf.set_transform(link("map", "base", 1 * S)) is False
-        tf.set_transform(link("base", "arm", 0), static=True)
-        assert tf.frame("base").newest_stamp_ns == 100 * S
-        assert tf.frame("arm").static is True
-        tf.clear()
-        with pytest.raises(TransformException):
-            tf.lookup_transform("map", "base")
-        assert tf.can_transform("base", "arm")
 
 
 def test_any_utf8_name(start_server: StartServer) -> None:
