@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import ssl
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from zenoh_tf._net import credentials, zenoh_config
 from zenoh_tf._net.credentials import NO_CREDENTIALS, Credentials
@@ -64,40 +64,27 @@ class Security:
 OPEN = Security()
 
 
+#: The flags with a value: its type, and what it is.
+_FLAGS: Final[dict[str, tuple[Callable[[str], str], str]]] = {
+    "--tls-certificate": (file_path, "certificate for endpoints tls/... and quic/..., PEM"),
+    "--tls-key": (file_path, "its private key, PEM"),
+    "--tls-ca": (
+        file_path,
+        "authorities that sign the certificates that clients must show, and those of servers "
+        "that this one connects to, PEM",
+    ),
+    "--users": (file_path, "who may connect: a USER:PASSWORD a line, readable for its owner alone"),
+    "--user": (str, "connect to other servers as this user"),
+    "--password-file": (file_path, "file with that user's password"),
+}
+
+
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags of this module."""
     group = parser.add_argument_group("keys and users (docs/how-to/security.md)")
-    group.add_argument(
-        "--tls-certificate",
-        metavar="FILE",
-        type=file_path,
-        help="certificate for endpoints tls/... and quic/..., PEM",
-    )
-    group.add_argument("--tls-key", metavar="FILE", type=file_path, help="its private key, PEM")
-    group.add_argument(
-        "--tls-ca",
-        metavar="FILE",
-        type=file_path,
-        help="authorities that sign the certificates that clients must show, and those of servers "
-        "that this one connects to, PEM",
-    )
-    group.add_argument(
-        "--users",
-        metavar="FILE",
-        type=file_path,
-        help="who may connect: a USER:PASSWORD a line, readable for its owner alone",
-    )
-    group.add_argument(
-        "--user",
-        metavar="NAME",
-        help="connect to other servers as this user",
-    )
-    group.add_argument(
-        "--password-file",
-        metavar="FILE",
-        type=file_path,
-        help="file with that user's password",
-    )
+    for name, (kind, meaning) in _FLAGS.items():
+        metavar = "FILE" if kind is file_path else "NAME"
+        group.add_argument(name, metavar=metavar, type=kind, help=meaning)
     group.add_argument(
         "--no-admin",
         action="store_true",

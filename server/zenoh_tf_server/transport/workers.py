@@ -10,8 +10,8 @@ Long requests go to lanes with threads of their own, so that short ones never wa
 one lane for long lookups, commits and batches, and one for the infos. `hello` is a type of its own,
 and as an info is served like a short request: no work delays it.
 
-How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in `replies`. No
-reply blocks a thread of this module.
+How many queries wait, and whose turn it is, is in `lanes`; how replies are sent, in
+`zenoh_tf._zenoh.replies`. No reply blocks a thread of this module.
 """
 
 from __future__ import annotations
