@@ -49,6 +49,15 @@ NO_STAMP: int  # INT64_MIN, "no time given"; an ordinary row may not carry it
 def join_buffers(parts: Sequence[bytes | memoryview]) -> bytes: ...  # copies without the GIL
 def decoded_size(message: bytes) -> int: ...  # in bytes; -1: malformed, -2: nested too deeply
 
+# A length of time in short form: "850 us", "12 ms", "3.4 s", "5 min", "8.0 h", "6.5 days",
+# "56.9 years".
+def age(length_ns: float) -> str: ...
+
+# The unit of a stamp that should be in nanoseconds; None if it may be in nanoseconds. The others
+# are the oldest and the newest of the stamps beside it. Read in its unit, the stamp may lie outside
+# of both by a day, in simulated time by a minute.
+def other_unit(stamp_ns: int, oldest_ns: int, newest_ns: int) -> str | None: ...
+
 # As of zenoh_tf.text.similar; did_you_mean returns "" for None.
 def similar_names(name: str, names: Sequence[str], most: int = 3) -> list[str]: ...
 def did_you_mean(unknown: Sequence[str], names: Sequence[str]) -> str: ...

@@ -33,6 +33,7 @@ MAY_INCLUDE: dict[str, tuple[str, ...]] = {
     "replication": ("base", "records", "histories", "tree_state.hpp", "commits"),
     "tree.hpp": ("tree_state.hpp", "lookups", "commits"),
     "tree.cpp": ("tree.hpp",),
+    "by_name": ("base", "names", "reads", "shared", "tree.hpp"),
 }
 #: Files that include one of a folder above theirs, and why.
 EXCEPTIONS = {

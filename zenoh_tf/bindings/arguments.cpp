@@ -5,9 +5,7 @@ namespace ztf {
 
 nb::str str_of(std::string_view text) { return nb::str(text.data(), text.size()); }
 
-namespace {
-
-inline std::string_view text_or_error(nb::handle name, const char* field) {
+std::string_view text_of(nb::handle name, const char* field) {
   Py_ssize_t size = 0;
   const char* text =
       PyUnicode_Check(name.ptr()) ? PyUnicode_AsUTF8AndSize(name.ptr(), &size) : nullptr;
@@ -18,26 +16,19 @@ inline std::string_view text_or_error(nb::handle name, const char* field) {
   return {text, static_cast<std::size_t>(size)};
 }
 
-}  // namespace
-
-std::string_view text_of(nb::handle name, const char* field) { return text_or_error(name, field); }
-
 std::string_view frame_name_of(nb::handle name, const char* field) {
-  const std::string_view text = text_or_error(name, field);
-  if (text.empty()) raise_invalid(std::string(field) + " is empty", field);
-  if (text[0] == '/') {
-    nb::dict facts;
-    facts["field"] = field;
-    facts["frame"] = name;
-    const std::size_t begin = std::min(text.find_first_not_of('/'), text.size());
-    const std::string spelled =
-        begin == text.size() ? " is no frame's name" : " is spelled " + quoted(text.substr(begin));
-    raise(make_error(
-        Code::invalid_argument,
-        std::string(field) + ": frame names do not begin with '/': " + quoted(text) + spelled,
-        facts));
-  }
+  const std::string_view text = text_of(name, field);
+  if (!is_frame_name(text)) [[unlikely]]
+    raise(*name_fault(text, field));
   return text;
+}
+
+nb::tuple names_of(const Options& options, nb::handle names, std::vector<std::string_view>& texts,
+                   const char* field) {
+  const nb::tuple kept = tuple_of(names);
+  for (const nb::handle name : kept) texts.push_back(text_of(name, field));
+  rejected_as_error([&] { check_name_bytes(options, texts); });
+  return kept;
 }
 
 Stamp stamp_of(nb::handle stamp, const char* field) {
@@ -116,15 +107,6 @@ nb::object doubles_of(nb::handle values, const char* field) {
   }
   if (!real) raise_invalid(std::string(field) + " must be an array of real numbers", field);
   return numpy.attr("ascontiguousarray")(array, float64);
-}
-
-std::uint32_t checked(std::uint32_t index, std::size_t size, const char* field) {
-  if (index >= size)
-    throw Rejected{.code = Code::invalid_argument,
-                   .message = std::string(field) + " has the index " + std::to_string(index) +
-                              ", but its list has " + std::to_string(size) + " entries",
-                   .field = field};
-  return index;
 }
 
 nb::tuple tuple_of(nb::handle sequence) {

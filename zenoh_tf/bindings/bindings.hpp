@@ -11,7 +11,6 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
-#include <functional>
 #include <memory>
 #include <new>
 #include <optional>
@@ -19,6 +18,7 @@
 #include <utility>
 
 #include "bindings/gil.hpp"
+#include "by_name/errors.hpp"
 #include "docs.hpp"
 #include "shared/shared_tree.hpp"
 #include "tree.hpp"
@@ -47,30 +47,9 @@ struct LatestTransform : StampedTransform {
 // --- errors
 
 // errors.BY_CODE[code](message, **facts)
-nb::object make_error(Code code, const std::string& message, const nb::dict& facts);
 nb::object make_error(const Rejected& rejected);
-// The error of a frame that is not there, which may be because its server has just started.
-// `note` is appended to what is wrong, and `suggestion` to an error that is final.
-nb::object unknown_frame(Startup startup, nb::handle name, nb::dict facts,
-                         const std::string& note = "", const std::string& suggestion = "");
-// The code of a lookup's failure for Python, in a tree whose server is just starting or not.
-inline Code shown_code(const Failure& failure, bool is_starting) noexcept {
-  const bool is_unknown = failure.code == Code::lookup && failure.frame == 0;
-  return is_unknown && is_starting ? Code::starting : failure.code;
-}
-// How long a lookup has waited, as its error says it.
-std::string waited(double timeout_s);
-// The result of a function of zenoh_tf.text, which returns a str.
-template <class... Args>
-std::string text_from_python(const char* module, const char* function, Args&&... args) {
-  std::string text;
-  block_if_thread_ends([&] {
-    text = nb::cast<std::string>(
-        nb::module_::import_(module).attr(function)(std::forward<Args>(args)...));
-  });
-  return text;
-}
 [[noreturn]] void raise(const nb::object& error);
+[[noreturn]] void raise(const Rejected& rejected);
 [[noreturn]] void raise_invalid(const std::string& message, const char* field);
 // The error of a call for which the host has no memory left.
 nb::object make_memory_error();
@@ -80,7 +59,7 @@ auto rejected_as_error(Body&& body) {
   try {
     return body();
   } catch (const Rejected& rejected) {
-    raise(make_error(rejected));
+    raise(rejected);
   } catch (const std::bad_alloc&) {
     raise(make_memory_error());
   }
@@ -131,20 +110,6 @@ class GilReleasedOnWait final : private LongWait {
   PyThreadState* state_ = nullptr;
 };
 
-using FrameRef = Tree::FrameRef;
-
-// The tree's lookup of the query that find_names() returns, for threads that hold the GIL. Finds
-// the names again if a name has lost its id meanwhile. Returns the query that was answered.
-template <class AnyTree, class FindNames>
-Query lookup_holding_gil(const AnyTree& tree, Answer& answer, FindNames&& find_names) {
-  return tree.read_names([&] {
-    const Query query = find_names();
-    const GilReleasedOnWait released;
-    tree.lookup(query, answer);
-    return query;
-  });
-}
-
 // --- arguments; `field` names the argument in InvalidArgumentException
 
 nb::str str_of(std::string_view text);
@@ -152,15 +117,18 @@ nb::str str_of(std::string_view text);
 std::string_view text_of(nb::handle name, const char* field);
 // The same, of a name that a frame may have; raises for others.
 std::string_view frame_name_of(nb::handle name, const char* field);
-// A frame's id, 0 if there is none. Raises for names that no frame can have.
-template <class AnyTree>
-FrameRef frame_of(const AnyTree& tree, nb::handle name, const char* field) {
-  return tree.find_ref(frame_name_of(name, field));
+// A query whose names are valid as long as the strs.
+inline NamedQuery query_of(Op op, nb::handle target, nb::handle source) {
+  NamedQuery query;
+  query.op = op;
+  query.target_name = frame_name_of(target, "target_frame");
+  query.source_name = frame_name_of(source, "source_frame");
+  return query;
 }
-template <class AnyTree>
-Query query_of(const AnyTree& tree, Op op, nb::handle target, nb::handle source) {
-  return {op, frame_of(tree, target, "target_frame").id, frame_of(tree, source, "source_frame").id};
-}
+// Fills `texts` with the UTF-8 of the names, which are valid as long as the tuple. Raises
+// LimitExceeded for a name that is too long for the tree.
+nb::tuple names_of(const Options& options, nb::handle names, std::vector<std::string_view>& texts,
+                   const char* field);
 // An int as a stamp; kNoStamp for None.
 Stamp stamp_of(nb::handle stamp, const char* field);
 // A number of seconds, as yet of any sign.
@@ -187,10 +155,6 @@ void for_each_stamped(const nb::tuple& items, Body&& body) {
     body(nb::cast<const StampedTransform&>(item));
   }
 }
-// `index`, which must be below the size of the list that it refers to: else throws Rejected. Needs
-// no GIL.
-std::uint32_t checked(std::uint32_t index, std::size_t size, const char* field);
-
 // --- arrays
 
 template <class T>
@@ -287,6 +251,7 @@ void bind_change_replay(nb::module_& m);
 void bind_interest_reader(nb::module_& m);
 void bind_operations(nb::module_& m);
 void bind_shared_tree(nb::module_& m);
+void bind_texts(nb::module_& m);
 
 // What a tree of this process has, and one of another.
 template <class AnyTree>

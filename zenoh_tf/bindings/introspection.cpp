@@ -2,7 +2,6 @@
 // links.
 #include <algorithm>
 
-#include "bindings/lookup_error.hpp"
 #include "bindings/reads/budget.hpp"
 #include "records/versions.hpp"
 
@@ -13,10 +12,9 @@ namespace {
 // The id of a frame that must exist.
 template <class AnyTree>
 FrameId known(const AnyTree& tree, nb::handle name) {
-  const FrameId id = frame_of(tree, name, "frame").id;
-  if (id == 0)
-    raise(unknown_frame(tree.startup(), name, nb::dict(), "",
-                        did_you_mean(tree, {text_of(name, "frame")})));
+  const std::string_view text = frame_name_of(name, "frame");
+  const FrameId id = tree.find(text);
+  if (id == 0) raise(unknown_frame(tree, text));
   return id;
 }
 
@@ -160,14 +158,15 @@ nb::dict frame_record(const AnyTree& tree, nb::handle name) {
 template <class AnyTree>
 nb::list ancestor_records(const AnyTree& tree, nb::handle target, nb::handle source,
                           nb::handle stamp) {
-  const Stamp at = stamp_of(stamp, "stamp_ns");
+  NamedQuery query = query_of(Op::at, target, source);
+  query.stamp = stamp_of(stamp, "stamp_ns");
   return tree.read_names([&] {
-    const FrameId starts[] = {frame_of(tree, target, "target_frame").id,
-                              frame_of(tree, source, "source_frame").id};
+    query.find_ids(tree);
+    const FrameId starts[] = {query.target, query.source};
     std::vector<NamedInfo> found;
     {
       const GilReleasedOnWait released;
-      found = tree.ancestors(starts, at);
+      found = tree.ancestors(starts, query.stamp);
     }
     nb::list out;
     for (const NamedInfo& each : found)
@@ -233,24 +232,18 @@ nb::object parent(const AnyTree& tree, nb::handle frame, nb::handle stamp) {
 }
 
 template <class AnyTree>
-nb::list read_chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
-  Query query = query_of(tree, Op::at, target, source);
+std::vector<std::string> chain_of(const AnyTree& tree, nb::handle target, nb::handle source,
+                                  nb::handle stamp) {
+  NamedQuery query = query_of(Op::at, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
-  std::vector<FrameId> ids;
+  std::vector<std::string> names;
   Failure failure;
   {
     const GilReleasedOnWait released;
-    failure = tree.chain(query, ids);
+    failure = chain(tree, query, names);
   }
-  if (failure.code != Code::ok) raise(make_error(tree, failure, target, source));
-  nb::list out;
-  for (const FrameId id : ids) out.append(name_or_none(tree, id));
-  return out;
-}
-
-template <class AnyTree>
-nb::list chain(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp) {
-  return tree.read_names([&] { return read_chain(tree, target, source, stamp); });
+  if (failure.code != Code::ok) raise(lookup_error(tree, failure, query));
+  return names;
 }
 
 nb::dict stats(const Tree& tree) {
@@ -316,7 +309,7 @@ void bind_introspection(nb::class_<T>& tree) {
   tree.def("frames", method<&frames<T>>, ZTF_DOC(Tree_frames))
       .def("parent", method<&parent<T>>, ZTF_DOC(Tree_parent), nb::arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", method<&chain<T>>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
+      .def("chain", method<&chain_of<T>>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
            nb::arg("stamp_ns").none() = nb::none())
       .def("_startup_ns",
            [](const T& t) {

@@ -1,5 +1,5 @@
 // The Python module `_core`.
-#include "bindings/similar_names.hpp"
+#include "bindings/bindings.hpp"
 
 NB_MODULE(_core, m) {
   m.doc() = "The native tree of zenoh-tf; use it through zenoh_tf.";
@@ -24,5 +24,5 @@ NB_MODULE(_core, m) {
   ztf::bind_single_lookup(m);
   ztf::bind_cdr(m);
   ztf::bind_columns(m);
-  ztf::bind_similar_names(m);
+  ztf::bind_texts(m);
 }

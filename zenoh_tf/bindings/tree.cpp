@@ -7,7 +7,7 @@
 #include <cmath>
 #include <system_error>
 
-#include "bindings/similar_names.hpp"
+#include "bindings/bindings.hpp"
 
 namespace ztf {
 
@@ -73,14 +73,13 @@ void reset(Tree& tree, std::int64_t expires_ns) {
 }
 
 void remove_frame(Tree& tree, nb::handle name, bool subtree, std::int64_t expires_ns) {
-  (void)frame_of(tree, name, "name");  // raises for an invalid name
-  const std::string_view text = text_of(name, "name");
+  const std::string_view text = frame_name_of(name, "name");
   rejected_as_error([&] {
     try {
       const GilReleased released;
       tree.remove_frame(text, subtree, expires_ns);
     } catch (Rejected& rejected) {
-      if (rejected.code == Code::lookup) rejected.message += did_you_mean(tree, {text});
+      if (rejected.code == Code::lookup) rejected.message += suggestion(tree, {text});
       throw;
     }
   });

@@ -50,6 +50,10 @@ class Tree : private TreeState {
   // Whether the id has had that name all the time since (names/table.hpp). The frame may be
   // removed, and may have come back.
   [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names.is_current(ref); }
+  // How often ids of removed names have been freed. While it is equal, all Refs are current.
+  [[nodiscard]] std::uint64_t ids_freed() const noexcept {
+    return TreeState::ids_freed.load(std::memory_order_acquire);
+  }
   using TreeState::name;
   using TreeState::read_names;
   using TreeState::removed;
@@ -57,7 +61,7 @@ class Tree : private TreeState {
   // bad_alloc.
   [[nodiscard]] std::string name(const Failure& failure, FrameId id) const {
     std::string name = id != 0 ? names.name(id) : std::string();
-    if (failure.ids_freed != ids_freed.load(std::memory_order_acquire)) name.clear();
+    if (failure.ids_freed != ids_freed()) name.clear();
     return name;
   }
   // The highest id of a frame so far. Not all below it need to be in use.

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+from zenoh_tf._core import age
+
 __all__ = ["CLOCK_RANGE_S", "age", "milliseconds", "reference_ns", "seconds"]
 
 #: A stamp farther than this from the clock counts as of another clock.
 CLOCK_RANGE_S: Final = 24 * 3600
-_HOUR_NS: Final = 3600 * 10**9
 
 
 def seconds(stamp_ns: int) -> str:
@@ -23,24 +24,6 @@ def milliseconds(stamp_ns: int) -> str:
     """Return a stamp in seconds with three digits, cut off."""
     # As integers first: a double cannot represent nanoseconds since 1970.
     return f"{stamp_ns // 10**6 / 1e3:.3f}"
-
-
-def age(length_ns: int) -> str:
-    """Return a length of time in short form: ``850 us``, ``12 ms``, ``3.4 s``, ``5 min``,
-    ``8.0 h``, ``6.5 days``, ``56.9 years``."""
-    sign, value = ("-" if length_ns < 0 else ""), abs(length_ns)
-    if value < 1_000_000:
-        return f"{sign}{value // 1000} us"
-    if value < 1_000_000_000:
-        return f"{sign}{value / 1e6:.0f} ms"
-    if value < 120 * 10**9:
-        return f"{sign}{value / 1e9:.1f} s"
-    if value < 7200 * 10**9:
-        return f"{sign}{value / 60e9:.0f} min"
-    if value < 100 * _HOUR_NS:
-        return f"{sign}{value / _HOUR_NS:.1f} h"
-    days = value / (24 * _HOUR_NS)
-    return f"{sign}{days:.1f} days" if days < 2 * 365 else f"{sign}{days / 365.25:.1f} years"
 
 
 def reference_ns(stamps_ns: Iterable[int], now_ns: int) -> tuple[int, bool]:

@@ -4,7 +4,6 @@
 #include <algorithm>
 
 #include "bindings/commits/transform_rows.hpp"
-#include "bindings/reads/read_rows.hpp"
 
 namespace ztf {
 
@@ -14,11 +13,14 @@ nb::bytes commit_rows(Tree& tree, const TransformRows& rows, std::string_view au
                       bool is_static, bool drop_old, bool drop_bad, bool drop_strays,
                       nb::handle read_names, std::optional<Column<Version>> read_versions,
                       std::optional<std::int64_t> expires, std::optional<Stamp> max_stamp) {
-  if (!drop_bad) check_name_bytes(tree, rows.texts());
   std::vector<std::string_view> read_texts;
   const nb::tuple kept_names = tuple_of(read_names);  // keeps the texts alive
   for (const nb::handle name : kept_names) read_texts.push_back(text_of(name, "read_names"));
-  if (!drop_bad) check_name_bytes(tree, read_texts);
+  if (!drop_bad)
+    rejected_as_error([&] {
+      check_name_bytes(tree.options(), rows.texts());
+      check_name_bytes(tree.options(), read_texts);
+    });
   if ((read_versions ? read_versions->shape(0) : 0) != read_texts.size())
     raise_invalid("read_versions must have as many rows as read_names", "read_versions");
   std::vector<std::uint8_t> stored(rows.rows().size());

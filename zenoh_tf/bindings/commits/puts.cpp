@@ -15,7 +15,6 @@
 #include <new>
 
 #include "bindings/commits/transform_rows.hpp"
-#include "bindings/reads/read_rows.hpp"
 
 namespace ztf {
 

@@ -13,7 +13,6 @@
 #include <cstring>
 
 #include "bindings/messages/message_names.hpp"
-#include "bindings/reads/read_rows.hpp"
 
 namespace ztf {
 
@@ -46,8 +45,8 @@ TransformRows from_arrays(nb::handle names, const Column<std::uint32_t>& parent,
   std::vector<Row> rows(n);
   rejected_as_error([&] {
     for_each_row(n, [&](std::size_t i) {
-      rows[i].parent = checked(parent(i), count, "parent");
-      rows[i].child = checked(child(i), count, "child");
+      check_index(rows[i].parent = parent(i), count, "parent");
+      check_index(rows[i].child = child(i), count, "child");
       rows[i].stamp = stamp(i);
       rows[i].pose = span_of(pose)[i];
     });

@@ -1,9 +1,8 @@
 // The reply to a lookup: answers as columns, and the errors of rows that failed.
+#include "bindings/reads/answer_columns.hpp"
+
 #include <algorithm>
 #include <limits>
-
-#include "bindings/lookup_error.hpp"
-#include "bindings/reads/read_rows.hpp"
 
 namespace ztf {
 
@@ -16,44 +15,47 @@ constexpr std::size_t kErrorsAtOnce = 100;
 constexpr std::uint64_t kErrorBytes = 100;  // of an error in a reply, without names and numbers
 
 // True if the two rows fail alike, so that they can share an error.
-bool same_failure(const ReadRows& rows, const AnswerColumns::Failed& i,
-                  const AnswerColumns::Failed& j) {
-  const Failure &a = i.failure, &b = j.failure;
-  const ReadRows::Names &x = rows.names[i.row], &y = rows.names[j.row];
-  return a.code == b.code && a.stamp == b.stamp && a.frame == b.frame && a.oldest == b.oldest &&
-         a.newest == b.newest && a.max_gap == b.max_gap && a.target == b.target &&
-         a.source == b.source && a.parent == b.parent && a.target_root == b.target_root &&
-         a.source_root == b.source_root && x.target == y.target && x.source == y.source &&
-         x.fixed == y.fixed && rows.queries[i.row].op == rows.queries[j.row].op;
+bool same_failure(const LookupRows& rows, const AnswerColumns::Failed& a,
+                  const AnswerColumns::Failed& b) {
+  const std::size_t i = a.row, j = b.row;
+  return a.failure == b.failure && rows.op[i] == rows.op[j] && rows.target[i] == rows.target[j] &&
+         rows.source[i] == rows.source[j] &&
+         (Op{rows.op[i]} != Op::full || rows.fixed[i] == rows.fixed[j]);
 }
 
 // The error of a row that failed.
 template <class AnyTree>
-nb::object error_of_row(const AnyTree& tree, const ReadRows& rows,
+nb::object error_of_row(const AnyTree& tree, const LookupRows& rows,
                         const AnswerColumns::Failed& failed, const std::string& text,
                         bool suggest) {
-  const auto& [i, failure] = failed;
-  if (rows.has_invalid_name(i)) return rows.name_error(tree, i);
-  if (failure.code == Code::limit) {  // only of a waiting lookup
-    nb::dict facts;
-    facts["field"] = "waiter_links";
-    return make_error(Code::limit, text, facts);
-  }
-  auto [target, source, fixed] = rows.names[i];
-  // A full lookup failed in one of its halves: source in fixed, or fixed in target.
-  if (rows.queries[i].op == Op::full)
-    (failure.target == rows.queries[i].fixed ? target : source) = fixed;
-  const Query& query = rows.queries[i];
-  const bool first_half = target == fixed;
-  const bool latest = query.op == Op::full
-                          ? (first_half ? query.source_stamp : query.stamp) == kNoStamp
-                          : query.op == Op::latest_common;
-  return make_error(
-      tree, failure, rows.name_objects[target], rows.name_objects[source],
-      {.waited = text, .latest = latest, .may_wait = rows.queries.size() == 1, .suggest = suggest});
+  const auto& [row, failure] = failed;
+  if (failure.code == Code::limit)  // only of a waiting lookup
+    return make_error({.code = Code::limit, .message = text, .field = "waiter_links"});
+  return make_error(row_error(tree, rows, row, failure, {.waited = text, .suggest = suggest}));
 }
 
 }  // namespace
+
+void ReadColumns::check() const {
+  const std::size_t n = op.shape(0);
+  fit(target, n, "target");
+  fit(source, n, "source");
+  fit(stamp, n, "stamp_ns");
+  if (fixed) fit(*fixed, n, "fixed");
+  if (source_stamp) fit(*source_stamp, n, "source_stamp_ns");
+}
+
+void ReadColumns::set(LookupRows& rows) const {
+  rows.size = op.shape(0);
+  rows.op = {op.data()};
+  rows.target = {target.data()};
+  rows.source = {source.data()};
+  rows.stamp = {stamp.data()};
+  if (fixed) rows.fixed = {fixed->data()};
+  if (source_stamp) rows.source_stamp = {source_stamp->data()};
+  rows.max_gap = max_gap;
+  rows.check();
+}
 
 AnswerColumns::AnswerColumns(std::size_t rows, const FailureReport& report)
     : size(rows),
@@ -68,7 +70,8 @@ AnswerColumns::AnswerColumns(std::size_t rows, const FailureReport& report)
         std::min<std::size_t>(most_failed_, report.budget->error_bytes / kErrorBytes + 1);
 }
 
-bool AnswerColumns::add(const ReadRows& rows, std::size_t first, std::span<const Answer> answers) {
+bool AnswerColumns::add(const LookupRows& rows, std::size_t first,
+                        std::span<const Answer> answers) {
   constexpr double nan = std::numeric_limits<double>::quiet_NaN();
   bool any_failed = false;
   double* d = pose.get() + 7 * first;
@@ -85,21 +88,22 @@ bool AnswerColumns::add(const ReadRows& rows, std::size_t first, std::span<const
       d = std::copy_n(&a.pose.x, 7, d);
       continue;
     }
-    const Code code = rows.has_invalid_name(i) ? Code::invalid_argument : a.failure.code;
-    const Code shown = rows.has_invalid_name(i) ? code : shown_code(a.failure, is_starting_);
-    status[i] = static_cast<std::uint8_t>(shown);
+    Failure failure = a.failure;
+    if (rows.fault(i)) failure = {.code = Code::invalid_argument};
+    status[i] = static_cast<std::uint8_t>(shown_code(failure, is_starting_));
     d = std::fill_n(d, 7, nan);
     any_failed = true;
-    if (failed.size() < most_failed_) {
-      failed.push_back({i, a.failure});
-      failed.back().failure.code = code;
-    }
+    if (failed.size() < most_failed_) failed.push_back({i, failure});
   }
   return any_failed;
 }
 
+nb::object AnswerColumns::take_gaps() {
+  return gap ? array_of(std::move(gap), {size}) : nb::none();
+}
+
 template <class AnyTree>
-nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& columns,
+nb::tuple reply(const AnyTree& tree, const LookupRows& rows, AnswerColumns&& columns,
                 const FailureReport& report, const nb::object& reads) {
   nb::list failures;
   nb::object error;
@@ -125,12 +129,12 @@ nb::tuple reply(const AnyTree& tree, const ReadRows& rows, AnswerColumns&& colum
   return nb::make_tuple(
       array_of(std::move(columns.status), {n}), array_of(std::move(columns.stamp), {n}),
       array_of(std::move(columns.newest), {n}), array_of(std::move(columns.pose), {n, 7}), failures,
-      reads, columns.gap ? array_of(std::move(columns.gap), {n}) : nb::none());
+      reads, columns.take_gaps());
 }
 
-template nb::tuple reply(const Tree&, const ReadRows&, AnswerColumns&&, const FailureReport&,
+template nb::tuple reply(const Tree&, const LookupRows&, AnswerColumns&&, const FailureReport&,
                          const nb::object&);
-template nb::tuple reply(const SharedTree&, const ReadRows&, AnswerColumns&&, const FailureReport&,
-                         const nb::object&);
+template nb::tuple reply(const SharedTree&, const LookupRows&, AnswerColumns&&,
+                         const FailureReport&, const nb::object&);
 
 }  // namespace ztf

@@ -12,14 +12,12 @@ Budget::Budget(std::uint64_t links, std::uint64_t read_set, std::uint64_t listed
       error_bytes(error_bytes) {}
 
 void Budget::Share::exceeded(std::uint64_t value) const {
-  nb::dict facts;
-  facts["field"] = field_;
-  facts["limit"] = limit_;
-  facts["value"] = value;
-  raise(make_error(Code::limit,
-                   "at least " + std::to_string(value) + " " + meaning_ + ": the limit is " +
-                       std::to_string(limit_),
-                   facts));
+  raise(Rejected{.code = Code::limit,
+                 .message = "at least " + std::to_string(value) + " " + meaning_ +
+                            ": the limit is " + std::to_string(limit_),
+                 .field = field_,
+                 .limit = static_cast<std::int64_t>(limit_),
+                 .value = static_cast<std::int64_t>(value)});
 }
 
 void bind_budget(nb::module_& m) {

@@ -1,18 +1,16 @@
-// Tree._lookup_columns: many lookups in one call, numpy arrays in and out.
+// Tree._lookup_columns and Tree._estimate_columns: many lookups in one call, numpy arrays in and
+// out.
 //
-// GIL: names are resolved under it, once each; the lookups run without it.
+// GIL: arguments are read under it; the lookups run without it.
 #include <algorithm>
 #include <limits>
 
-#include "bindings/bindings.hpp"
-#include "reads/sample_block.hpp"
+#include "bindings/messages/message_names.hpp"
+#include "bindings/reads/answer_columns.hpp"
 
 namespace ztf {
 
 namespace {
-
-// Rows looked up at a time, so that their answers stay in the cache until they are copied out.
-constexpr std::size_t kPortion = SampleBlock::kRows;
 
 // The number of rows that all columns agree on.
 class RowCount {
@@ -29,52 +27,6 @@ class RowCount {
 
  private:
   std::optional<std::size_t> rows_;
-};
-
-// Frames of a column of names, or of one name that stands for every row.
-template <class AnyTree>
-class FrameColumn {
- public:
-  FrameColumn(const AnyTree& tree, nb::handle names, const char* field, RowCount& rows)
-      : tree_(tree), field_(field), single_(PyUnicode_Check(names.ptr())) {
-    if (single_) {
-      items_ = nb::make_tuple(names);
-      frames_.push_back(frame_of(tree, names, field));
-      return;
-    }
-    items_ = nb::steal<nb::tuple>(PySequence_Tuple(names.ptr()));
-    if (!items_.is_valid()) {
-      PyErr_Clear();
-      raise_invalid(std::string(field) + " must be a name or a sequence of names", field);
-    }
-    rows.fit(items_.size(), field);
-    frames_.reserve(items_.size());
-    // Often one str object is repeated many times in a row.
-    const PyObject* last = nullptr;
-    for (const nb::handle item : items_) {
-      frames_.push_back(item.ptr() == last ? frames_.back() : frame_of(tree, item, field));
-      last = item.ptr();
-    }
-  }
-  FrameId operator[](std::size_t row) const noexcept { return frames_[index(row)].id; }
-  // Returns whether the names of these rows still have the ids that were found. Needs no GIL.
-  [[nodiscard]] bool are_current(std::size_t begin, std::size_t end) const noexcept {
-    if (single_) return tree_.is_current(frames_[0]);
-    const auto rows = std::span(frames_).subspan(begin, end - begin);
-    return std::ranges::all_of(rows, [&](FrameRef frame) { return tree_.is_current(frame); });
-  }
-  [[nodiscard]] FrameId find_again(std::size_t row) const {
-    return frame_of(tree_, items_[index(row)], field_).id;
-  }
-
- private:
-  [[nodiscard]] std::size_t index(std::size_t row) const noexcept { return single_ ? 0 : row; }
-
-  const AnyTree& tree_;
-  const char* const field_;
-  const bool single_;
-  nb::tuple items_;
-  std::vector<FrameRef> frames_;
 };
 
 // Stamps of a column, or one stamp for every row; kNoStamp only if None was given.
@@ -99,7 +51,10 @@ class StampColumn {
     rows.fit(column.shape(0), kField);
     column_ = column;
   }
-  Stamp operator[](std::size_t row) const noexcept { return column_ ? (*column_)(row) : single_; }
+  [[nodiscard]] RowValues<Stamp> values() const noexcept {
+    return column_ ? RowValues<Stamp>{column_->data()} : RowValues<Stamp>{&single_, true};
+  }
+  [[nodiscard]] bool has_times() const noexcept { return column_ || single_ != kNoStamp; }
 
  private:
   static constexpr const char* kField = "stamps_ns";
@@ -140,113 +95,66 @@ class StampColumn {
   std::optional<Column<Stamp>> column_;
 };
 
-// The columns of the reply.
-struct Output {
-  std::uint8_t* status;
-  Stamp* stamp;
-  double* pose;
-  Stamp* gap;        // of lookups only
-  bool is_starting;  // the tree's server
-
-  void store(std::size_t row, const Answer& a) const {
-    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-    stamp[row] = a.stamp;
-    if (a.failure.code == Code::ok) [[likely]] {
-      status[row] = 0;
-      std::copy_n(&a.pose.x, 7, pose + 7 * row);
-    } else {
-      status[row] = static_cast<std::uint8_t>(shown_code(a.failure, is_starting));
-      std::fill_n(pose + 7 * row, 7, nan);
-    }
+// The arguments of both methods as rows.
+class Arguments {
+ public:
+  Arguments(nb::handle target_names, nb::handle source_names, nb::handle stamps_ns)
+      : targets_(index_column(target_names, "targets")),
+        sources_(index_column(source_names, "sources")),
+        stamps_(stamps_ns, count_),
+        op_(static_cast<std::uint8_t>(stamps_.has_times() ? Op::at : Op::latest_common)),
+        rows(std::vector<std::string_view>(names_.texts())) {
+    rows.size = count_.value();
+    rows.op = {&op_, true};
+    rows.target = targets_.values();
+    rows.source = sources_.values();
+    rows.stamp = stamps_.values();
   }
+  Arguments(const Arguments&) = delete;
+  Arguments& operator=(const Arguments&) = delete;
+
+ private:
+  NameColumn index_column(nb::handle given, const char* field) {
+    const std::size_t known = names_.texts().size();
+    NameColumn column(names_, given, field);
+    for (const std::string_view name : std::span(names_.texts()).subspan(known))
+      if (const auto fault = name_fault(name, field)) raise(*fault);
+    if (!column.is_single()) count_.fit(column.size(), field);
+    return column;
+  }
+
+  MessageNames names_;
+  RowCount count_;
+  const NameColumn targets_, sources_;
+  const StampColumn stamps_;
+  const std::uint8_t op_;
+
+ public:
+  LookupRows rows;  // made of all others
 };
-
-Query query_of_row(FrameId target, FrameId source, Stamp time, Stamp max_gap) {
-  return {.op = time == kNoStamp ? Op::latest_common : Op::at,
-          .target = target,
-          .source = source,
-          .stamp = time,
-          .max_gap = max_gap};
-}
-
-// Returns the rows whose names have lost their ids meanwhile.
-template <class AnyTree>
-std::vector<std::size_t> look_up(const AnyTree& tree, const FrameColumn<AnyTree>& targets,
-                                 const FrameColumn<AnyTree>& sources, const StampColumn& stamps,
-                                 Stamp max_gap, std::size_t n, const Output& out) {
-  std::vector<std::size_t> lost;
-  std::vector<Query> queries(std::min(n, kPortion));
-  std::vector<Answer> answers(queries.size());
-  for (std::size_t done = 0; done < n; done += queries.size()) {
-    const std::size_t portion = std::min(queries.size(), n - done);
-    for (std::size_t i = 0; i < portion; ++i)
-      queries[i] = query_of_row(targets[done + i], sources[done + i], stamps[done + i], max_gap);
-    tree.lookup_batch({queries.data(), portion}, {answers.data(), portion});
-    for (std::size_t i = 0; i < portion; ++i) {
-      out.store(done + i, answers[i]);
-      out.gap[done + i] = answers[i].gap;
-    }
-    const auto are_current = [&](std::size_t begin, std::size_t end) {
-      return targets.are_current(begin, end) && sources.are_current(begin, end);
-    };
-    if (are_current(done, done + portion)) [[likely]]
-      continue;
-    for (std::size_t row = done; row < done + portion; ++row)
-      if (!are_current(row, row + 1)) lost.push_back(row);
-  }
-  return lost;
-}
 
 // (status, stamps, poses, gaps) of one lookup per row.
 template <class AnyTree>
 nb::tuple lookup_columns(const AnyTree& tree, nb::handle target_names, nb::handle source_names,
                          nb::handle stamps_ns, nb::handle max_gap_s) {
   const Stamp max_gap = max_gap_of(max_gap_s);
-  RowCount rows;
-  const FrameColumn<AnyTree> targets(tree, target_names, "targets", rows);
-  const FrameColumn<AnyTree> sources(tree, source_names, "sources", rows);
-  const StampColumn stamps(stamps_ns, rows);
-  const std::size_t n = rows.value();
-  Output out;
-  out.is_starting = !tree.startup().is_over();
-  const nb::object columns[] = {
-      make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { out.status = d; }),
-      make_array<Stamp>({n}, [&](Stamp* d) { out.stamp = d; }),
-      make_array<double>({n, 7}, [&](double* d) { out.pose = d; }),
-      make_array<Stamp>({n}, [&](Stamp* d) { out.gap = d; })};
-  std::vector<std::size_t> lost;
+  Arguments arguments(target_names, source_names, stamps_ns);
+  LookupRows& rows = arguments.rows;
+  rows.max_gap = max_gap;
+  const std::size_t n = rows.size;
+  AnswerColumns columns(n, {.is_starting = !tree.startup().is_over(), .errors = false});
   {
     const GilReleased released;
-    lost = look_up(tree, targets, sources, stamps, max_gap, n, out);
-  }
-  for (const std::size_t row : lost) {
-    Answer answer;
-    lookup_holding_gil(tree, answer, [&] {
-      return query_of_row(targets.find_again(row), sources.find_again(row), stamps[row], max_gap);
+    (void)rows.find_names(tree);
+    rows.look_up_each(tree, [&](std::size_t first, std::span<const Answer> answers) {
+      columns.add(rows, first, answers);
     });
-    out.store(row, answer);
-    out.gap[row] = answer.gap;
   }
-  return nb::make_tuple(columns[0], columns[1], columns[2], columns[3]);
+  if (!columns.gap) columns.gap = std::make_unique<Stamp[]>(n);
+  return nb::make_tuple(array_of(std::move(columns.status), {n}),
+                        array_of(std::move(columns.stamp), {n}),
+                        array_of(std::move(columns.pose), {n, 7}), columns.take_gaps());
 }
-
-// The columns of estimates.
-struct EstimateOutput {
-  Output answers;
-  double *metres, *radians, *level;
-  std::int64_t *backtests, *by;
-
-  void store(std::size_t row, const EstimateQuery& query, const EstimateAnswer& a) const {
-    const bool ok = a.failure.code == Code::ok;
-    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-    answers.store(row, {.failure = a.failure, .pose = a.pose, .stamp = query.stamp});
-    metres[row] = ok ? a.metres : nan;
-    radians[row] = ok ? a.radians : nan;
-    level[row] = ok ? a.level : nan;
-    backtests[row] = ok ? a.backtests : 0;
-    by[row] = ok ? a.by : 0;
-  }
-};
 
 // (status, stamps, poses, metres, radians, level, backtests, by) of one estimate per row.
 template <class AnyTree>
@@ -254,50 +162,38 @@ nb::tuple estimate_columns(const AnyTree& tree, nb::handle target_names, nb::han
                            nb::handle stamps_ns, Stamp now, double level, Stamp max_by,
                            double radius) {
   EstimateQuery query = estimate_query(nb::none(), now, level, max_by, radius);
-  RowCount rows;
-  const FrameColumn<AnyTree> targets(tree, target_names, "targets", rows);
-  const FrameColumn<AnyTree> sources(tree, source_names, "sources", rows);
-  const StampColumn stamps(stamps_ns, rows);
-  const std::size_t n = rows.value();
-  EstimateOutput out;
-  out.answers.is_starting = !tree.startup().is_over();
-  const auto doubles = [&](double*& column) {
-    return make_array<double>({n}, [&](double* d) { column = d; });
-  };
-  const auto integers = [&](std::int64_t*& column) {
-    return make_array<std::int64_t>({n}, [&](std::int64_t* d) { column = d; });
-  };
-  const nb::tuple columns = nb::make_tuple(
-      make_array<std::uint8_t>({n}, [&](std::uint8_t* d) { out.answers.status = d; }),
-      make_array<Stamp>({n}, [&](Stamp* d) { out.answers.stamp = d; }),
-      make_array<double>({n, 7}, [&](double* d) { out.answers.pose = d; }), doubles(out.metres),
-      doubles(out.radians), doubles(out.level), integers(out.backtests), integers(out.by));
-  const auto estimate = [&](std::size_t row) {
-    query.stamp = stamps[row] == kNoStamp ? now : stamps[row];
-    EstimateAnswer answer;
-    tree.estimate(query, answer);
-    out.store(row, query, answer);
-  };
-  std::vector<std::size_t> lost;
+  Arguments arguments(target_names, source_names, stamps_ns);
+  LookupRows& rows = arguments.rows;
+  const std::size_t n = rows.size;
+  AnswerColumns columns(n, {.is_starting = !tree.startup().is_over(), .errors = false});
+  std::vector<EstimateAnswer> answers(n);
   {
     const GilReleased released;
+    (void)rows.find_names(tree);
     for (std::size_t row = 0; row < n; ++row) {
-      query.target = targets[row];
-      query.source = sources[row];
-      estimate(row);
-      if (!targets.are_current(row, row + 1) || !sources.are_current(row, row + 1))
-        lost.push_back(row);
+      query.stamp = rows.stamp[row] == kNoStamp ? now : rows.stamp[row];
+      rows.look_up_row(tree, row, [&](const Query& named) {
+        query.target = named.target;
+        query.source = named.source;
+        tree.estimate(query, answers[row]);
+      });
+      const EstimateAnswer& a = answers[row];
+      const Answer answer{.failure = a.failure, .pose = a.pose, .stamp = query.stamp};
+      columns.add(rows, row, {&answer, 1});
     }
   }
-  for (const std::size_t row : lost)
-    (void)tree.read_names([&] {
-      query.target = targets.find_again(row);
-      query.source = sources.find_again(row);
-      const GilReleasedOnWait released;
-      estimate(row);
-      return true;
+  const auto column = [&]<class T>(T EstimateAnswer::* field, T of_failed) {
+    return make_array<T>({n}, [&](T* out) {
+      for (const EstimateAnswer& a : answers)
+        *out++ = a.failure.code == Code::ok ? a.*field : of_failed;
     });
-  return columns;
+  };
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  return nb::make_tuple(
+      array_of(std::move(columns.status), {n}), array_of(std::move(columns.stamp), {n}),
+      array_of(std::move(columns.pose), {n, 7}), column(&EstimateAnswer::metres, nan),
+      column(&EstimateAnswer::radians, nan), column(&EstimateAnswer::level, nan),
+      column(&EstimateAnswer::backtests, {}), column(&EstimateAnswer::by, {}));
 }
 
 }  // namespace

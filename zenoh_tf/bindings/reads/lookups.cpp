@@ -3,7 +3,8 @@
 // GIL: as in tree.cpp.
 #include <chrono>
 
-#include "bindings/lookup_error.hpp"
+#include "bindings/bindings.hpp"
+#include "by_name/rows.hpp"
 
 namespace ztf {
 
@@ -18,11 +19,9 @@ struct OwnedWaiter {
   }
 };
 
-// Blocks until there is an answer to the query that find_names() returns, none can come, or the
-// deadline has passed. Returns how long it has waited, for the error.
-template <class FindNames>
-[[gnu::noinline]] std::string wait(const Tree& tree, FindNames&& find_names, nb::handle target,
-                                   nb::handle source, nb::handle fixed, double timeout_s,
+// Blocks until there is an answer, none can come, or the deadline has passed. Returns how long it
+// has waited, for the error.
+[[gnu::noinline]] std::string wait(const Tree& tree, NamedQuery& query, double timeout_s,
                                    Answer& answer) {
   if (!(timeout_s >= 0)) raise_invalid("timeout_s must be 0 or more seconds", "timeout_s");
   using Clock = BlockingWaiter::Clock;
@@ -34,9 +33,8 @@ template <class FindNames>
   const auto slice =
       is_main_thread() ? Clock::duration(std::chrono::milliseconds(100)) : Clock::duration::max();
   OwnedWaiter owned;
-  BlockingWaiter& waiter = owned.waiter.emplace(
-      tree.state(), find_names(), text_of(target, "target_frame"), text_of(source, "source_frame"),
-      fixed.is_none() ? std::string_view() : text_of(fixed, "fixed_frame"));
+  BlockingWaiter& waiter = owned.waiter.emplace(tree.state(), query, query.target_name,
+                                                query.source_name, query.fixed_name);
   for (Clock::time_point now = Clock::now();; now = Clock::now()) {
     bool done;
     {
@@ -50,61 +48,63 @@ template <class FindNames>
     }
     if (Clock::now() >= deadline) break;
   }
-  lookup_holding_gil(tree, answer, find_names);  // the failure as of the deadline
-  return waited(timeout_s);
+  const GilReleasedOnWait released;
+  lookup(tree, query, answer);  // the failure as of the deadline
+  return waited_for(timeout_s);
 }
 
 // A tree of another process: its owner waits for what is not there yet.
-template <class FindNames>
-std::string wait(const SharedTree& tree, FindNames&& find_names, nb::handle, nb::handle, nb::handle,
-                 double timeout_s, Answer& answer) {
+std::string wait(const SharedTree& tree, NamedQuery& query, double timeout_s, Answer& answer) {
   if (!(timeout_s >= 0)) raise_invalid("timeout_s must be 0 or more seconds", "timeout_s");
-  lookup_holding_gil(tree, answer, find_names);
+  const GilReleasedOnWait released;
+  lookup(tree, query, answer);
   if (answer.failure.code != Code::ok) throw Unanswered{Unanswered::Reason::waiting};
   return {};
 }
 
-// The answer as a value; raises its failure.
+// Sets the answer. Returns how long it has waited, for an error.
 template <class AnyTree>
-StampedTransform stamped_answer(const AnyTree& tree, const Answer& a, nb::handle target,
-                                nb::handle source, const LookupNote& note = {}) {
-  if (a.failure.code != Code::ok) [[unlikely]]
-    raise(make_error(tree, a.failure, target, source, note));
-  return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap};
+ZTF_ALWAYS_INLINE std::string answer_query(const AnyTree& tree, NamedQuery& query, double timeout_s,
+                                           Answer& answer) {
+  if (timeout_s != 0.0) [[unlikely]]
+    return wait(tree, query, timeout_s, answer);
+  const GilReleasedOnWait released;
+  lookup(tree, query, answer);
+  return {};
 }
 
 template <class AnyTree>
-LatestTransform latest_answer(const AnyTree& tree, const Answer& a, nb::handle target,
-                              nb::handle source) {
-  return {stamped_answer(tree, a, target, source), a.newest};
+[[noreturn, gnu::noinline]] void raise_failure(const AnyTree& tree, const NamedQuery& query,
+                                               const Answer& answer, std::string waited = {}) {
+  raise(lookup_error(tree, answer.failure, query, {.waited = std::move(waited), .may_wait = true}));
 }
 
+// Answers the query; raises its failure.
 template <class AnyTree>
-Query query_at(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-               Stamp max_gap = kNoGapLimit) {
-  Query query = query_of(tree, Op::latest_common, target, source);
-  query.max_gap = max_gap;
+ZTF_ALWAYS_INLINE Answer answered(const AnyTree& tree, NamedQuery query, double timeout_s = 0) {
+  Answer answer;
+  std::string waited = answer_query(tree, query, timeout_s, answer);
+  if (answer.failure.code != Code::ok) [[unlikely]]
+    raise_failure(tree, query, answer, std::move(waited));
+  return answer;
+}
+
+ZTF_ALWAYS_INLINE NamedQuery query_at(nb::handle target, nb::handle source, nb::handle stamp) {
+  NamedQuery query = query_of(Op::latest_common, target, source);
   query.stamp = stamp_of(stamp, "stamp_ns");
   if (query.stamp != kNoStamp) query.op = Op::at;
   return query;
 }
 
 template <class AnyTree>
-StampedTransform lookup(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
-                        nb::handle timeout, nb::handle max_gap_s) {
+StampedTransform lookup_at(const AnyTree& tree, nb::handle target, nb::handle source,
+                           nb::handle stamp, nb::handle timeout, nb::handle max_gap_s) {
   const double timeout_s = timeout_of(timeout);
   const Stamp max_gap = max_gap_of(max_gap_s);
-  const auto query = [&] { return query_at(tree, target, source, stamp, max_gap); };
-  Answer a;
-  std::string waited;
-  if (timeout_s == 0.0) [[likely]]
-    lookup_holding_gil(tree, a, query);
-  else
-    waited = wait(tree, query, target, source, nb::none(), timeout_s, a);
-  if (a.failure.code == Code::ok) [[likely]]
-    return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap};
-  return stamped_answer(tree, a, target, source,
-                        {.waited = std::move(waited), .latest = stamp.is_none(), .may_wait = true});
+  NamedQuery query = query_at(target, source, stamp);
+  query.max_gap = max_gap;
+  const Answer a = answered(tree, query, timeout_s);
+  return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap};
 }
 
 template <class AnyTree>
@@ -113,99 +113,77 @@ StampedTransform lookup_full(const AnyTree& tree, nb::handle target, nb::handle 
                              nb::handle timeout, nb::handle max_gap_s) {
   const double timeout_s = timeout_of(timeout);
   const Stamp max_gap = max_gap_of(max_gap_s);
-  const auto query = [&] {
-    Query named = query_of(tree, Op::full, target, source);
-    named.max_gap = max_gap;
-    named.stamp = stamp_of(target_stamp, "target_stamp_ns");
-    named.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
-    named.fixed = frame_of(tree, fixed, "fixed_frame").id;
-    return named;
-  };
-  Answer a;
-  std::string waited;
-  if (timeout_s == 0.0)
-    lookup_holding_gil(tree, a, query);
-  else
-    waited = wait(tree, query, target, source, fixed, timeout_s, a);
-  if (a.failure.code == Code::ok) return stamped_answer(tree, a, target, source);
-  // The lookup failed in one of its halves: source in fixed, or fixed in target.
-  const bool first = a.failure.target == tree.find(text_of(fixed, "fixed_frame"));
-  const nb::handle half_stamp = first ? source_stamp : target_stamp;
-  return stamped_answer(
-      tree, a, first ? fixed : target, first ? source : fixed,
-      {.waited = std::move(waited), .latest = half_stamp.is_none(), .may_wait = true});
+  NamedQuery query = query_of(Op::full, target, source);
+  query.max_gap = max_gap;
+  query.stamp = stamp_of(target_stamp, "target_stamp_ns");
+  query.source_stamp = stamp_of(source_stamp, "source_stamp_ns");
+  query.fixed_name = frame_name_of(fixed, "fixed_frame");
+  const Answer a = answered(tree, query, timeout_s);
+  return {nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap};
 }
 
 template <class AnyTree>
 bool can(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
          nb::handle timeout) {
   const double timeout_s = timeout_of(timeout);
-  for (const nb::handle name : {target, source}) {
-    const std::string_view text = text_of(name, "frame");
-    if (text.empty() || text[0] == '/') return false;
-  }
-  const auto query = [&] { return query_at(tree, target, source, stamp); };
+  for (const nb::handle name : {target, source})
+    if (!is_frame_name(text_of(name, "frame"))) return false;
+  NamedQuery query = query_at(target, source, stamp);
   Answer a;
-  if (timeout_s == 0.0)
-    lookup_holding_gil(tree, a, query);
-  else
-    wait(tree, query, target, source, nb::none(), timeout_s, a);
+  answer_query(tree, query, timeout_s, a);
   return a.failure.code == Code::ok;
 }
 
 template <Op op, class AnyTree>
 LatestTransform latest(const AnyTree& tree, nb::handle target, nb::handle source) {
-  Answer a;
-  lookup_holding_gil(tree, a, [&] { return query_of(tree, op, target, source); });
-  return latest_answer(tree, a, target, source);
+  const Answer a = answered(tree, query_of(op, target, source));
+  return {{nb::borrow(target), nb::borrow(source), a.stamp, a.pose, a.gap}, a.newest};
 }
 
 template <class AnyTree>
 nb::list latest_all(const AnyTree& tree, nb::handle pairs) {
   const nb::tuple items = tuple_of(pairs);
-  std::vector<Query> queries;
-  std::vector<FrameRef> frames;  // of the queries: target, source
-  std::vector<std::pair<nb::object, nb::object>> names;
+  std::vector<std::string_view> texts;
+  std::vector<nb::object> names;  // target, source of each row
   for (const nb::handle item : items) {
     const nb::tuple pair = nb::steal<nb::tuple>(PySequence_Tuple(item.ptr()));
     if (!pair.is_valid() || pair.size() != 2) {
       PyErr_Clear();
       raise_invalid("pairs must hold (target_frame, source_frame) tuples", "pairs");
     }
-    names.emplace_back(pair[0], pair[1]);
-    frames.push_back(frame_of(tree, pair[0], "target_frame"));
-    frames.push_back(frame_of(tree, pair[1], "source_frame"));
-    queries.push_back({Op::latest_xact, frames[frames.size() - 2].id, frames.back().id});
+    for (const auto& [i, field] : {std::pair{0, "target_frame"}, {1, "source_frame"}}) {
+      texts.push_back(frame_name_of(names.emplace_back(pair[i]), field));
+    }
   }
-  std::vector<Answer> answers(queries.size());
-  ReadSet reads;
-  // Resolves the names again after the transaction: a frame that was created or removed meanwhile
-  // would be reported beside newer state of another pair.
-  for (bool unchanged = false; !unchanged;) {
-    {
-      const GilReleasedOnWait released;
-      tree.lookup_transaction(queries, answers, reads);
-    }
-    unchanged = true;
-    for (std::size_t i = 0; i < queries.size(); ++i) {
-      const FrameRef target = frame_of(tree, names[i].first, "target_frame");
-      const FrameRef source = frame_of(tree, names[i].second, "source_frame");
-      unchanged &= target == frames[2 * i] && source == frames[2 * i + 1];
-      frames[2 * i] = target, frames[2 * i + 1] = source;
-      queries[i].target = target.id, queries[i].source = source.id;
-    }
+  LookupRows rows(std::move(texts));
+  rows.size = items.size();
+  std::vector<std::uint32_t> indexes(2 * rows.size);
+  for (std::uint32_t i = 0; i < rows.size; ++i)
+    indexes[i] = 2 * i, indexes[rows.size + i] = 2 * i + 1;
+  constexpr auto kOp = static_cast<std::uint8_t>(Op::latest_xact);
+  rows.op = {&kOp, true};
+  rows.stamp = {&kNoStamp, true};
+  rows.target = {indexes.data()};
+  rows.source = {indexes.data() + rows.size};
+  std::vector<Answer> answers(rows.size);
+  {
+    const GilReleasedOnWait released;
+    ReadSet reads;
+    (void)rows.find_names(tree);
+    rows.look_up_at_once(tree, answers, reads);
   }
   nb::list out;
-  for (std::size_t i = 0; i < answers.size(); ++i)
-    out.append(latest_answer(tree, answers[i], names[i].first, names[i].second));
+  for (std::size_t i = 0; i < answers.size(); ++i) {
+    const Answer& a = answers[i];
+    if (a.failure.code != Code::ok) raise_failure(tree, rows.named(i), a);
+    out.append(LatestTransform{{names[2 * i], names[2 * i + 1], a.stamp, a.pose}, a.newest});
+  }
   return out;
 }
 
 template <class AnyTree>
 std::optional<Stamp> latest_common_time(const AnyTree& tree, nb::handle a, nb::handle b) {
-  Answer answer;
-  lookup_holding_gil(tree, answer, [&] { return query_of(tree, Op::common_time, a, b); });
-  if (answer.failure.code != Code::ok) raise(make_error(tree, answer.failure, a, b));
+  const Answer answer = answered(tree, query_of(Op::common_time, a, b));
   return answer.stamp == kNoStamp ? std::nullopt : std::optional(answer.stamp);
 }
 
@@ -213,7 +191,7 @@ std::optional<Stamp> latest_common_time(const AnyTree& tree, nb::handle a, nb::h
 
 template <class T>
 void bind_lookups(nb::class_<T>& tree) {
-  tree.def("lookup_transform", method<&lookup<T>>, ZTF_DOC(Tree_lookup_transform),
+  tree.def("lookup_transform", method<&lookup_at<T>>, ZTF_DOC(Tree_lookup_transform),
            nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(),
            nb::arg("timeout_s") = 0.0, nb::kw_only(), nb::arg("max_gap_s").none() = nb::none())
       .def("lookup_transform_full", method<&lookup_full<T>>, ZTF_DOC(Tree_lookup_transform_full),

@@ -16,7 +16,7 @@
 #include <nanobind/stl/shared_ptr.h>
 
 #include "base/host.hpp"
-#include "bindings/reads/read_rows.hpp"
+#include "bindings/reads/answer_columns.hpp"
 
 namespace ztf {
 
@@ -27,9 +27,8 @@ class ParkedLookups;
 constexpr std::uint64_t kMostLinks = 1'000'000'000;  // more are not counted
 
 struct ParkedRow final : Waiter {
-  ParkedRow(ParkedLookups& lookups, const Query& query, std::string_view target,
-            std::string_view source, std::string_view fixed, bool has_invalid_name)
-      : Waiter(query, target, source, fixed),
+  ParkedRow(ParkedLookups& lookups, const NamedQuery& query, bool has_invalid_name)
+      : Waiter(query, query.target_name, query.source_name, query.fixed_name),
         lookups(lookups),
         has_invalid_name(has_invalid_name) {}
 
@@ -75,22 +74,19 @@ class WakeQueue {
 // Lookups of one request; complete once every row has an answer or can have none.
 class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
  public:
-  ParkedLookups(nb::object tree, WakeQueue& queue, ReadRows rows, std::uint64_t lookup_id,
-                std::size_t max_links)
+  ParkedLookups(nb::object tree, WakeQueue& queue, nb::tuple names, ReadColumns columns,
+                LookupRows rows, std::uint64_t lookup_id, std::size_t max_links)
       : tree_object_(std::move(tree)),
+        names_(std::move(names)),
+        columns_(std::move(columns)),
         tree_(nb::cast<const Tree&>(tree_object_)),
         queue_(queue),
         rows_(std::move(rows)),
         lookup_id_(lookup_id),
         max_links_(max_links),
-        incomplete_(rows_.queries.size() + 1) {
-    for (std::size_t i = 0; i < rows_.queries.size(); ++i) {
-      const auto [target, source, fixed] = rows_.names[i];
-      const bool full = rows_.queries[i].op == Op::full;
-      parked_.emplace_back(*this, rows_.queries[i], rows_.texts[target], rows_.texts[source],
-                           full ? rows_.texts[fixed] : std::string_view(),
-                           rows_.has_invalid_name(i));
-    }
+        incomplete_(rows_.size + 1) {
+    for (std::size_t i = 0; i < rows_.size; ++i)
+      parked_.emplace_back(*this, rows_.named(i), rows_.fault(i).has_value());
   }
   ~ParkedLookups() { cancel(); }
 
@@ -114,7 +110,10 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
   // Counts the rows that were late.
   nb::tuple result(double waited_s, bool errors, Budget* budget);
   // How many frames the rows will watch at most.
-  [[nodiscard]] std::uint64_t links() const { return rows_.links(tree_, kMostLinks); }
+  [[nodiscard]] std::uint64_t links() {
+    (void)rows_.find_names(tree_);
+    return rows_.links(tree_, kMostLinks);
+  }
 
   [[nodiscard]] std::uint64_t lookup_id() const noexcept { return lookup_id_; }
   [[nodiscard]] WakeQueue& queue() const noexcept { return queue_; }
@@ -132,20 +131,13 @@ class ParkedLookups : public std::enable_shared_from_this<ParkedLookups> {
     return true;
   }
   [[nodiscard]] std::string refusal() const;
-  void look_up_now(std::size_t i, Answer& answer) {
-    const auto [target, source, fixed] = rows_.names[i];
-    for (const std::uint32_t name : {target, source, fixed})
-      rows_.frames[name] = tree_.find_ref(rows_.texts[name]);
-    rows_.look_up_row(tree_, i, [&](const Query& query) {
-      const GilReleasedOnWait released;
-      tree_.lookup(query, answer);
-    });
-  }
 
   const nb::object tree_object_;  // keeps the tree alive, even if only the queue keeps this alive
+  const nb::tuple names_;         // keeps the texts of the rows alive
+  const ReadColumns columns_;     // keeps the columns of the rows alive
   const Tree& tree_;
   WakeQueue& queue_;
-  ReadRows rows_;
+  LookupRows rows_;
   const std::uint64_t lookup_id_;
   const std::int64_t asked_at_ns_ = real_time_ns();
   const std::size_t max_links_;   // of all waiting lookups of the tree
@@ -160,6 +152,8 @@ void ParkedRow::notify() noexcept { lookups.queue().push(*this); }
 nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
   std::vector<Answer> answers(parked_.size());
   std::vector<std::string> notes(parked_.size());
+  std::optional<GilReleasedOnWait> released(std::in_place);
+  (void)rows_.find_names(tree_);
   for (std::size_t i = 0; i < parked_.size(); ++i) {
     if (parked_[i].complete.load(std::memory_order_acquire)) {
       answers[i] = parked_[i].answer();
@@ -167,18 +161,18 @@ nb::tuple ParkedLookups::result(double waited_s, bool errors, Budget* budget) {
         answers[i].failure.code = Code::limit;
         notes[i] = refusal();
       }
-      rows_.queries[i] = parked_[i].query();
       if (answers[i].failure.code == Code::ok)
         tree_.count_waited(parked_[i].waited_for(), asked_at_ns_);
     } else if (!parked_[i].has_invalid_name) {
-      look_up_now(i, answers[i]);
-      notes[i] = waited(waited_s);
+      rows_.look_up_row(tree_, i, [&](const Query& query) { tree_.lookup(query, answers[i]); });
+      notes[i] = waited_for(waited_s);
     } else {
       answers[i].failure.code = Code::invalid_argument;
     }
     if (answers[i].failure.code != Code::ok) tree_.count_failed(answers[i].failure, asked_at_ns_);
   }
-  const FailureReport report{notes, !tree_.startup().is_over(), errors, budget};
+  released.reset();
+  const FailureReport report{!tree_.startup().is_over(), errors, budget, std::move(notes)};
   AnswerColumns columns(answers.size(), report);
   columns.add(rows_, 0, answers);
   return reply(tree_, rows_, std::move(columns), report, nb::none());
@@ -268,10 +262,15 @@ void bind_parked_lookups(nb::module_& m) {
          const Column<std::uint32_t>& source, const Column<Stamp>& stamp,
          const std::optional<Column<std::uint32_t>>& fixed,
          const std::optional<Column<Stamp>>& source_stamp, std::size_t max_links, Stamp max_gap) {
-        const ReadColumns columns{op, target, source, stamp, fixed, source_stamp, max_gap};
-        ReadRows rows(nb::cast<const Tree&>(tree), names, columns);
-        rejected_as_error([&] { rows.set(columns); });
-        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(rows), lookup_id,
+        const auto& of = nb::cast<const Tree&>(tree);
+        ReadColumns columns{op, target, source, stamp, fixed, source_stamp, max_gap};
+        columns.check();
+        std::vector<std::string_view> texts;
+        nb::tuple kept = names_of(of.options(), names, texts, "names");
+        LookupRows rows(std::move(texts));
+        rejected_as_error([&] { columns.set(rows); });
+        return std::make_shared<ParkedLookups>(std::move(tree), queue, std::move(kept),
+                                               std::move(columns), std::move(rows), lookup_id,
                                                max_links);
       },
       nb::arg("tree"), nb::arg("queue"), nb::arg("lookup_id"), nb::arg("names"), nb::arg("op"),

@@ -35,16 +35,15 @@ nb::object pack_lookup(nb::handle target, nb::handle source, std::uint8_t op, St
 
 nb::object reply_to_lookup(const Tree& tree, const nb::bytes& message, std::string_view instance) {
   const auto lookup = parse_single_lookup(view_of(message));
-  if (!lookup || lookup->op > Op::latest_xact || lookup->target.starts_with('/') ||
-      lookup->source.starts_with('/') || (lookup->op == Op::at && lookup->stamp == kNoStamp))
+  if (!lookup || lookup->op > Op::latest_xact ||
+      (lookup->op == Op::at && lookup->stamp == kNoStamp))
     return nb::none();
+  NamedQuery query{{.op = lookup->op, .stamp = lookup->stamp}, lookup->target, lookup->source};
   Answer answer;
-  lookup_holding_gil(tree, answer, [&] {
-    return Query{.op = lookup->op,
-                 .target = tree.find_ref(lookup->target).id,
-                 .source = tree.find_ref(lookup->source).id,
-                 .stamp = lookup->stamp};
-  });
+  {
+    const GilReleasedOnWait released;
+    ztf::lookup(tree, query, answer);
+  }
   if (answer.failure.code != Code::ok || answer.gap != 0) return nb::none();
   SingleAnswer reply{answer.stamp, {}, answer.pose};
   if (lookup->op >= Op::latest) reply.newest = answer.newest;

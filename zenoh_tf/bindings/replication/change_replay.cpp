@@ -7,7 +7,6 @@
 #include <cmath>
 #include <unordered_set>
 
-#include "bindings/reads/read_rows.hpp"
 #include "bindings/replication/message_columns.hpp"
 #include "commits/validation.hpp"
 #include "replication/snapshot.hpp"
@@ -37,8 +36,8 @@ void check_poses(std::span<const Pose> column) {
 // Names and authorities as texts that live as long as this object.
 struct Texts {
   Texts(const Tree& tree, nb::handle name_list, nb::handle authority_list)
-      : name_objects(names_of(tree, name_list, names, "names")),
-        authority_objects(names_of(tree, authority_list, authorities, "authorities")) {
+      : name_objects(names_of(tree.options(), name_list, names, "names")),
+        authority_objects(names_of(tree.options(), authority_list, authorities, "authorities")) {
     // A frame under two indexes would be locked twice, by a thread that waits for itself.
     std::unordered_set<std::string_view> known(names.size());
     for (const std::string_view name : names) {
@@ -52,7 +51,7 @@ struct Texts {
   }
 
   std::vector<std::string_view> names, authorities;
-  std::vector<nb::object> name_objects, authority_objects;
+  nb::tuple name_objects, authority_objects;
 };
 
 class Replay {

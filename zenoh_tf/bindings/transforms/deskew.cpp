@@ -4,7 +4,6 @@
 // the points, if there are many.
 #include "geometry/deskew.hpp"
 
-#include "bindings/lookup_error.hpp"
 #include "bindings/transforms/points.hpp"
 #include "reads/motion.hpp"
 
@@ -72,15 +71,21 @@ bool deskew_by_tree(const AnyTree& tree, const AnyConstArray& points, const Stam
   if (query.first == kNoStamp)
     raise_invalid("stamps_ns has -2^63; stamps are nanoseconds from -2^63 + 1 to 2^63 - 1",
                   "stamps_ns");
+  const std::string_view fixed_name = frame_name_of(fixed, "fixed_frame"),
+                         source_name = frame_name_of(source, "source_frame");
   Motion motion;
   Answer answer;
-  const MotionResult result = tree.read_names([&] {
-    query.fixed = frame_of(tree, fixed, "fixed_frame").id;
-    query.source = frame_of(tree, source, "source_frame").id;
+  MotionResult result;
+  {
     const GilReleasedOnWait released;
-    return tree.lookup_motion(query, motion, answer);
-  });
-  if (answer.failure.code != Code::ok) raise(make_error(tree, answer.failure, fixed, source));
+    result = tree.read_names([&] {
+      query.fixed = tree.find(fixed_name);
+      query.source = tree.find(source_name);
+      return tree.lookup_motion(query, motion, answer);
+    });
+  }
+  if (answer.failure.code != Code::ok)
+    raise(lookup_error(tree, answer.failure, fixed_name, source_name));
   if (result == MotionResult::varies) return false;
   motion.fix_at(at);
   sweep.compensate(motion);

@@ -4,7 +4,6 @@
 // GIL: kept, as by every single lookup, but released for backtests.
 #include <cmath>
 
-#include "bindings/lookup_error.hpp"
 #include "bindings/transforms/estimate_class.hpp"
 
 namespace ztf {
@@ -15,12 +14,13 @@ template <class AnyTree>
 Estimate estimate(const AnyTree& tree, nb::handle target, nb::handle source, nb::handle stamp,
                   Stamp now, double level, Stamp max_by, double radius) {
   EstimateQuery query = estimate_query(stamp, now, level, max_by, radius);
+  const std::string_view target_name = frame_name_of(target, "target_frame"),
+                         source_name = frame_name_of(source, "source_frame");
   EstimateAnswer a;
   Estimate found;
-  (void)tree.read_names([&] {
-    query.target = frame_of(tree, target, "target_frame").id;
-    query.source = frame_of(tree, source, "source_frame").id;
-    const GilReleasedOnWait released;
+  const auto ask = [&] {
+    query.target = tree.find(target_name);
+    query.source = tree.find(source_name);
     tree.estimate(query, a);
     if (a.failure.code != Code::ok) return true;
     if (a.child != 0) {
@@ -32,13 +32,17 @@ Estimate estimate(const AnyTree& tree, nb::handle target, nb::handle source, nb:
     for (const CarriedLink& link : a.carried)
       found.carried.emplace_back(tree.name(link.child), link.by_twist);
     return true;
-  });
+  };
+  {
+    const GilReleasedOnWait released;
+    (void)tree.read_names(ask);
+  }
   if (a.failure.code != Code::ok) {
     LookupNote note;
     if (a.failure.code == Code::forward)
       note.carried =
           " and carried on by at most " + std::to_string(query.max_by) + " ns (max_by_s)";
-    raise(make_error(tree, a.failure, target, source, note));
+    raise(lookup_error(tree, a.failure, target_name, source_name, note));
   }
   static const nb::handle bases[] = {interned("backtest"), interned("limits"), interned("static")};
   found.target = nb::borrow(target);

@@ -1,6 +1,7 @@
 // StampedTransform and LatestTransform: answers of lookups, arguments of sets.
 #include "base/host.hpp"
 #include "bindings/transforms/transform.hpp"
+#include "by_name/stamp_units.hpp"
 
 namespace ztf {
 
@@ -16,13 +17,12 @@ bool may_be_of_other_unit(Stamp stamp) noexcept {
 
 // Warns of a stamp that is the clock's time in another unit.
 [[gnu::noinline]] void check_unit(nb::handle child, Stamp stamp) {
-  nb::object warning;
+  std::string name;
   block_if_thread_ends([&] {
-    warning = nb::module_::import_("zenoh_tf.text.stamp_units")
-                  .attr("unit_warning")(child, stamp, real_time_ns());
+    name = nb::cast<std::string>(nb::module_::import_("zenoh_tf.text").attr("quoted")(child));
   });
-  if (warning.is_none()) return;
-  const std::string text = nb::cast<std::string>(warning);
+  const std::string text = unit_warning(name, stamp, real_time_ns());
+  if (text.empty()) return;
   if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), 1) != 0) throw nb::python_error();
 }
 

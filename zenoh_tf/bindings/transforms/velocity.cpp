@@ -3,7 +3,7 @@
 // GIL: kept, as by every single lookup.
 #include <cmath>
 
-#include "bindings/lookup_error.hpp"
+#include "bindings/bindings.hpp"
 
 namespace ztf {
 
@@ -15,14 +15,11 @@ nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle ob
                          nb::handle point, nb::handle point_frame_or_none, Stamp max_gap) {
   const nb::handle reference = reference_or_none.is_none() ? observation : reference_or_none;
   const nb::handle point_frame = point_frame_or_none.is_none() ? tracking : point_frame_or_none;
-  const auto find_names = [&](VelocityQuery& query) {
-    query.tracking = frame_of(tree, tracking, "tracking_frame").id;
-    query.observation = frame_of(tree, observation, "observation_frame").id;
-    query.reference = frame_of(tree, reference, "reference_frame").id;
-    query.point_frame = frame_of(tree, point_frame, "reference_point_frame").id;
-  };
+  const std::string_view tracking_name = frame_name_of(tracking, "tracking_frame"),
+                         observation_name = frame_name_of(observation, "observation_frame"),
+                         reference_name = frame_name_of(reference, "reference_frame"),
+                         point_name = frame_name_of(point_frame, "reference_point_frame");
   VelocityQuery query{};
-  find_names(query);  // raises for names that no frame can have
   query.stamp = stamp_of(stamp, "stamp_ns");
   query.interval = interval;
   query.max_gap = max_gap;
@@ -31,20 +28,25 @@ nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle ob
     if (!std::isfinite(value)) raise_invalid("reference_point must be finite", "reference_point");
   if (interval < 1) raise_invalid("averaging_interval_s must be above 0", "averaging_interval_s");
 
-  const VelocityAnswer a = tree.read_names([&] {
-    find_names(query);
-    VelocityAnswer answer;
+  VelocityAnswer a;
+  {
     const GilReleasedOnWait released;
-    tree.lookup_velocity(query, answer);
-    return answer;
-  });
+    (void)tree.read_names([&] {
+      query.tracking = tree.find(tracking_name);
+      query.observation = tree.find(observation_name);
+      query.reference = tree.find(reference_name);
+      query.point_frame = tree.find(point_name);
+      tree.lookup_velocity(query, a);
+      return true;
+    });
+  }
   if (a.failure.code != Code::ok) {
     using Leg = VelocityAnswer::Leg;
-    const nb::handle target = a.leg == Leg::reference ? reference : observation;
-    const nb::handle source = a.leg == Leg::tracking    ? tracking
-                              : a.leg == Leg::reference ? observation
-                                                        : point_frame;
-    raise(make_error(tree, a.failure, target, source));
+    const bool to_reference = a.leg == Leg::reference;
+    raise(lookup_error(tree, a.failure, to_reference ? reference_name : observation_name,
+                       a.leg == Leg::tracking ? tracking_name
+                       : to_reference         ? observation_name
+                                              : point_name));
   }
   const auto listed = [](const Vec3& v) {
     nb::list out;

@@ -39,8 +39,9 @@ bool lookup_or_park(const TreeState& tree, Waiter& waiter, std::size_t max_links
       for (int i = 0; i < 2; ++i) {
         Answer half;
         lookup_transaction(tree, {&halves[i], 1}, {&half, 1}, half_reads[i]);
-        if (half.failure.code != Code::ok && !may_succeed_later(tree, half.failure))
-          waiter.answer_ = half;
+        if (half.failure.code == Code::ok || may_succeed_later(tree, half.failure)) continue;
+        waiter.answer_ = half;
+        waiter.answer_.failure.source_half = i == 0;
       }
     }
     if (!std::all_of(refs, std::end(refs), [&](auto ref) { return tree.names.is_current(ref); }))

@@ -144,7 +144,9 @@ template <class Access>
 void report_failure(const Access& access, const AncestorPath& from_target,
                     const AncestorPath& from_source, Stamp stamp, Answer& a) noexcept {
   const auto id_of = [&](const Frame* frame) { return access.id_of(frame); };
-  a = Answer{.failure = {Code::connectivity, id_of(from_target.start), id_of(from_source.start)}};
+  a = Answer{.failure = {.code = Code::connectivity,
+                         .target = id_of(from_target.start),
+                         .source = id_of(from_source.start)}};
   a.failure.stamp = stamp;
   a.failure.target_root = id_of(from_target.highest);
   a.failure.source_root = id_of(from_source.highest);

@@ -23,8 +23,8 @@ enum class Op : std::uint8_t {
 constexpr std::uint8_t kOps = 6;
 
 struct Query {
-  Op op;
-  FrameId target, source;  // 0 for an unknown frame
+  Op op = Op::latest_common;
+  FrameId target = 0, source = 0;  // 0 for an unknown frame
   // The time of the target. `at` requires one. kNoStamp means the latest common time in `full`, and
   // the newest links in chain(). The others ignore it.
   Stamp stamp = kNoStamp;
@@ -44,6 +44,7 @@ inline Query query_at_time(FrameId target, FrameId source, Stamp stamp, Stamp ma
 // that do not apply are 0 or kNoStamp.
 struct Failure {
   Code code = Code::ok;
+  bool source_half = false;                  // of `full`: between the source and the fixed frame
   FrameId target = 0, source = 0;            // of the walk that failed
   FrameId frame = 0, parent = 0;             // the offending link: child and parent
   FrameId target_root = 0, source_root = 0;  // connectivity: where the two paths end
@@ -53,6 +54,8 @@ struct Failure {
   Stamp max_gap = kNoGapLimit;  // of a gap: the limit that it exceeds
   // How often ids had been freed when all these belonged to the frames that were read.
   std::uint64_t ids_freed = 0;
+
+  bool operator==(const Failure&) const = default;
 };
 
 // A link that has no sample yet at the time that a lookup asked for (lookups/late.hpp).

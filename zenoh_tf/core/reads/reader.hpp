@@ -323,7 +323,11 @@ class Reader {
 
   // Source to fixed at the source's stamp, then fixed to target at the target's stamp.
   bool lookup_full(const Query& q, Answer& a) {
-    if (q.fixed == 0 || q.source == 0) return report_unknown(q.fixed, q.source, a);
+    if (q.fixed == 0 || q.source == 0) {
+      (void)report_unknown(q.fixed, q.source, a);
+      a.failure.source_half = true;
+      return true;
+    }
     if (q.target == 0) return report_unknown(q.target, q.fixed, a);
     const auto lookup = [&](FrameId target, FrameId source, Stamp stamp, Answer& answer) {
       return stamp == kNoStamp ? lookup_latest_common(target, source, q.max_gap, answer)
@@ -333,9 +337,11 @@ class Reader {
     if (!lookup(q.fixed, q.source, q.source_stamp, first)) return false;
     if (first.failure.code != Code::ok) {
       a = first;
+      a.failure.source_half = true;
       return true;
     }
     if (!lookup(q.target, q.fixed, q.stamp, a)) return false;
+    a.failure.source_half = false;
     if (a.failure.code != Code::ok) return true;
     a.pose = a.pose * first.pose;
     a.gap = std::max(a.gap, first.gap);
@@ -380,7 +386,7 @@ class Reader {
   }
 
   static bool report_unknown(FrameId target, FrameId source, Answer& a) {
-    a = Answer{.failure = {Code::lookup, target, source}};
+    a = Answer{.failure = {.code = Code::lookup, .target = target, .source = source}};
     return true;
   }
 

@@ -86,10 +86,13 @@ class SharedTree {
     return names_.find_ref(name);
   }
   [[nodiscard]] bool is_current(FrameRef ref) const noexcept { return names_.is_current(ref); }
+  [[nodiscard]] std::uint64_t ids_freed() const noexcept {
+    return ids_freed_.load(std::memory_order_acquire);
+  }
   [[nodiscard]] std::string name(FrameId id) const { return name_in(names_, id); }
   [[nodiscard]] std::string name(const Failure& failure, FrameId id) const {
     std::string name = id != 0 ? name_in(names_, id) : std::string();
-    if (failure.ids_freed != ids_freed_.load(std::memory_order_acquire)) name.clear();
+    if (failure.ids_freed != ids_freed()) name.clear();
     return name;
   }
   [[nodiscard]] bool removed(FrameId id) const noexcept { return names_.removed(id); }
@@ -124,9 +127,9 @@ class SharedTree {
   auto read_names(Read&& read) const {
     Patience patience;
     do {
-      const std::uint64_t before = ids_freed_.load(std::memory_order_acquire);
+      const std::uint64_t before = ids_freed();
       auto result = read();
-      if (ids_freed_.load(std::memory_order_acquire) == before) [[likely]]
+      if (ids_freed() == before) [[likely]]
         return result;
     } while (patience.wait());
     throw Unanswered{Unanswered::Reason::busy};

@@ -1,8 +1,12 @@
-#include "bindings/similar_names.hpp"
+#include "by_name/similar.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
+#include <cstdint>
 #include <tuple>
+
+#include "base/rejected.hpp"
 
 namespace ztf {
 
@@ -95,16 +99,6 @@ std::string did_you_mean(const std::vector<std::string>& unknown,
     if (unknown.size() > 1) question += " instead of " + quoted(name);
   }
   return question.empty() ? question : question + "?";
-}
-
-void bind_similar_names(nb::module_& m) {
-  m.def("similar_names", &similar_names, nb::arg("name"), nb::arg("names"), nb::arg("most") = 3);
-  m.def(
-      "did_you_mean",
-      [](const std::vector<std::string>& unknown, const std::vector<std::string>& names) {
-        return did_you_mean(unknown, names);
-      },
-      nb::arg("unknown"), nb::arg("names"));
 }
 
 }  // namespace ztf

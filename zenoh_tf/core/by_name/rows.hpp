@@ -1,0 +1,135 @@
+// Many lookups by name: rows of columns that refer to a list of names.
+//
+// Thread safety: for one thread at a time.
+#pragma once
+
+#include <algorithm>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "by_name/errors.hpp"
+#include "names/reader.hpp"
+#include "reads/guards.hpp"
+
+namespace ztf {
+
+// A column of a lookup: a value for each row, or one for all. The values must outlive it, and must
+// not change.
+template <class T>
+struct RowValues {
+  const T* values = nullptr;  // null: no row has one
+  bool single = false;
+
+  T operator[](std::size_t row) const noexcept { return values[single ? 0 : row]; }
+};
+
+class LookupRows {
+ public:
+  // The texts of the names must outlive the rows. They may be such that no frame can have them: a
+  // row with one fails.
+  explicit LookupRows(std::vector<std::string_view> names)
+      : names(std::move(names)), refs_(this->names.size()) {}
+
+  std::vector<std::string_view> names;
+  std::size_t size = 0;
+  RowValues<std::uint8_t> op;
+  RowValues<std::uint32_t> target, source, fixed;  // indexes into the names; fixed: for Op::full
+  RowValues<Stamp> stamp, source_stamp;            // of Query
+  Stamp max_gap = kNoGapLimit;                     // ns, of all rows
+  bool one_instant = false;                        // Op::latest is as Op::latest_xact
+
+  // Throws Rejected for a row that is malformed.
+  void check() const;
+  // Finds the ids of all names, which what follows requires. Returns whether every name has the id
+  // that was found before. Otherwise answers may be another frame's, or from before a frame was
+  // created.
+  template <class AnyTree>
+  bool find_names(const AnyTree& tree);
+
+  // A row's query, with the ids that were found last.
+  [[nodiscard]] Query query(std::size_t row) const noexcept;
+  [[nodiscard]] NamedQuery named(std::size_t row) const noexcept;
+  // Why a name of the row can be no frame's; nullopt if all can.
+  [[nodiscard]] std::optional<Rejected> fault(std::size_t row) const;
+  // The names of frames that do not exist.
+  [[nodiscard]] std::vector<std::string_view> unknown_names() const;
+  // The links that the rows climb at most, by the newest parents; if that is more than `most`, any
+  // number above it. Costs a walk for each name that a row uses.
+  template <class AnyTree>
+  [[nodiscard]] std::uint64_t links(const AnyTree& tree, std::uint64_t most) const;
+
+  // Calls look_up(query) for one row, again if a name of it has lost its id meanwhile.
+  template <class AnyTree, class LookUp>
+  void look_up_row(const AnyTree& tree, std::size_t row, LookUp&& look_up) {
+    do {
+      look_up(query(row));
+    } while (find_lost_names(tree, row));
+  }
+  // Looks up each row by itself. Calls add(first row, answers) for some rows at a time: their
+  // answers then stay in the processor's cache.
+  template <class AnyTree, class Add>
+  void look_up_each(const AnyTree& tree, Add&& add) {
+    const std::size_t most = std::min(kRowsAtOnce, size);
+    std::vector<Query> queries(most);
+    std::vector<Answer> answers(most);
+    for (std::size_t first = 0; first < size; first += most) {
+      const std::size_t count = std::min(most, size - first);
+      for (std::size_t i = 0; i < count; ++i) {
+        queries[i] = query(first + i);
+        answers[i].stamp = answers[i].newest = 0;  // not all lookups set them
+      }
+      tree.lookup_batch({queries.data(), count}, {answers.data(), count});
+      for (std::size_t i = 0; i < count && tree.ids_freed() != ids_freed_; ++i)
+        look_up_row(tree, first + i, [&](const Query& q) { tree.lookup(q, answers[i]); });
+      add(first, std::span<const Answer>(answers).first(count));
+    }
+  }
+  // Looks up all rows at one instant. Sets `reads` to the frames that they rest
+  // on. Throws Rejected if that are more than `max_reads`.
+  template <class AnyTree>
+  void look_up_at_once(const AnyTree& tree, std::span<Answer> answers, ReadSet& reads,
+                       std::size_t max_reads = kNoReadLimit);
+  // Looks up all rows at one instant, or each at one of its own. Returns each frame that they rest
+  // on once, in the version that was read first: if a later row has read another one, the frame has
+  // changed, and a transaction conflicts in any case. Throws Rejected if that are more than
+  // `max_reads`.
+  template <class AnyTree>
+  std::vector<ReadVersion> look_up_with_versions(const AnyTree& tree, bool at_once,
+                                                 std::span<Answer> answers, std::size_t max_reads);
+
+ private:
+  static constexpr std::size_t kRowsAtOnce = 128;
+
+  // Finds those names of a row again that have lost their ids. Returns whether there are any.
+  template <class AnyTree>
+  bool find_lost_names(const AnyTree& tree, std::size_t row);
+
+  std::vector<NameRef> refs_;    // of the names, as they were found last
+  std::uint64_t ids_freed_ = 0;  // from before they were all found last
+};
+
+inline Query LookupRows::query(std::size_t row) const noexcept {
+  Query query{.op = Op{op[row]},
+              .target = refs_[target[row]].id,
+              .source = refs_[source[row]].id,
+              .stamp = stamp[row],
+              .max_gap = max_gap};
+  if (one_instant && query.op == Op::latest) query.op = Op::latest_xact;
+  if (query.op == Op::full) {
+    query.fixed = refs_[fixed[row]].id;
+    query.source_stamp = source_stamp[row];
+  }
+  return query;
+}
+
+// The error of a row that failed. Its names may be such that no frame can have them.
+template <class AnyTree>
+Rejected row_error(const AnyTree& tree, const LookupRows& rows, std::size_t row,
+                   const Failure& failure, LookupNote note) {
+  if (std::optional<Rejected> fault = rows.fault(row)) return *std::move(fault);
+  note.may_wait = rows.size == 1;
+  return lookup_error(tree, failure, rows.named(row), note);
+}
+
+}  // namespace ztf
