@@ -234,7 +234,6 @@ void bind_cdr(nb::module_& m);
 void bind_columns(nb::module_& m);
 void bind_join_buffers(nb::module_& m);
 void bind_message_columns(nb::module_& m);
-void bind_message_size(nb::module_& m);
 void bind_single_lookup(nb::module_& m);
 void bind_transform(nb::module_& m);
 void bind_transform_rows(nb::module_& m);

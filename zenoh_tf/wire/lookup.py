@@ -2,7 +2,7 @@
 
 A single read has a fast path without numpy, which would be most of its cost: `one_read`,
 `parse_one_read`, `one_answer` and `parse_one_answer`. Its messages are the same. If it has no
-optional field, the native module packs and parses it (`core/lookups/single_lookup.hpp`).
+optional field, the native module packs and parses it (`core/messages/single_lookup.hpp`).
 """
 
 from __future__ import annotations

@@ -20,10 +20,6 @@ namespace {
 
 constexpr std::size_t kReleaseFrom = 10'000;  // rows whose columns take long to copy
 
-// A message's columns are little-endian, and are copied as they are.
-static_assert(std::endian::native == std::endian::little);
-static_assert(sizeof(Row) == 2 * sizeof(std::uint32_t) + sizeof(Stamp) + sizeof(Pose));
-
 // Calls copy(i) for each row.
 template <class Copy>
 void for_each_row(std::size_t rows, Copy&& copy) {
@@ -61,13 +57,6 @@ std::optional<std::string_view> column_of(nb::handle column) {
   return std::string_view(bytes.c_str(), bytes.size());
 }
 
-template <class T>
-T entry(std::string_view column, std::size_t i) {
-  T value;
-  std::memcpy(&value, column.data() + i * sizeof(T), sizeof(T));
-  return value;
-}
-
 nb::object parse(nb::handle names, nb::handle parent, nb::handle child, nb::handle stamp,
                  nb::handle pose) {
   if (!nb::isinstance<nb::list>(names)) return nb::none();
@@ -77,7 +66,7 @@ nb::object parse(nb::handle names, nb::handle parent, nb::handle child, nb::hand
   const auto parents = column_of(parent), children = column_of(child);
   const auto stamps = column_of(stamp), poses = column_of(pose);
   if (!parents || !children || !stamps || !poses) return nb::none();
-  const MessageColumns columns{*parents, *children, *stamps, *poses};
+  const RowColumns columns{*parents, *children, *stamps, *poses};
   const std::size_t count = list.size();
   auto rows = without_gil_if(stamps->size() >= kReleaseFrom * sizeof(Stamp),
                              [&] { return rows_of(columns, count); });
@@ -85,30 +74,39 @@ nb::object parse(nb::handle names, nb::handle parent, nb::handle child, nb::hand
   return nb::cast(TransformRows(list, std::move(*rows)));
 }
 
+// Rows that are added one by one.
+class Builder {
+ public:
+  explicit Builder(std::size_t rows) { rows_.reserve(rows); }
+  void add(nb::handle parent, nb::handle child, Stamp stamp, const Pose& pose) {
+    const std::uint32_t parent_index = names_.index_of(parent);
+    rows_.push_back({parent_index, names_.index_of(child), stamp, pose});
+  }
+  TransformRows take() { return {names_.list(), std::move(rows_)}; }
+
+ private:
+  MessageNames names_;
+  std::vector<Row> rows_;
+};
+
 TransformRows of(nb::handle stampeds) {
   const nb::tuple items = tuple_of(stampeds);
-  MessageNames names;
-  std::vector<Row> rows;
-  rows.reserve(items.size());
+  Builder rows(items.size());
   for_each_stamped(items, [&](const StampedTransform& s) {
-    const std::uint32_t parent = names.index_of(s.parent_frame);
-    rows.push_back({parent, names.index_of(s.child_frame), s.stamp, s.pose});
+    rows.add(s.parent_frame, s.child_frame, s.stamp, s.pose);
   });
-  return {names.list(), std::move(rows)};
+  return rows.take();
 }
 
 TransformRows of_tuples(nb::handle tuples) {
   const nb::tuple items = tuple_of(tuples);
-  MessageNames names;
-  std::vector<Row> rows;
-  rows.reserve(items.size());
+  Builder rows(items.size());
   for (const nb::handle item : items) {
     const auto [parent, child, stamp, pose] =
         nb::cast<std::tuple<nb::object, nb::object, Stamp, std::array<double, 7>>>(item);
-    const std::uint32_t parent_index = names.index_of(parent);
-    rows.push_back({parent_index, names.index_of(child), stamp, std::bit_cast<Pose>(pose)});
+    rows.add(parent, child, stamp, std::bit_cast<Pose>(pose));
   }
-  return {names.list(), std::move(rows)};
+  return rows.take();
 }
 
 TransformRows join(nb::handle parts) {
@@ -151,17 +149,15 @@ TransformRows slice(const TransformRows& self, const nb::slice& which) {
   const auto [start, stop, step, length] = which.compute(self.rows().size());
   std::vector<Row> rows;
   rows.reserve(length);
-  for (std::size_t i = 0; i < length; ++i)
-    rows.push_back(
-        self.rows()[static_cast<std::size_t>(start + static_cast<Py_ssize_t>(i) * step)]);
+  for (Py_ssize_t at = start; rows.size() < length; at += step)
+    rows.push_back(self.rows()[static_cast<std::size_t>(at)]);
   return selected(self, std::move(rows));
 }
 
 TransformRows take(const TransformRows& self, const Column<std::int64_t>& which) {
   std::vector<Row> rows;
   rows.reserve(which.shape(0));
-  for (std::size_t i = 0; i < which.shape(0); ++i) {
-    const std::int64_t row = which(i);
+  for (const std::int64_t row : span_of(which)) {
     if (row < 0 || static_cast<std::size_t>(row) >= self.rows().size())
       raise_invalid("there is no row " + std::to_string(row), "rows");
     rows.push_back(self.rows()[static_cast<std::size_t>(row)]);
@@ -250,23 +246,6 @@ void TransformRows::make_names() const {
   if (names_.is_valid()) return;  // another thread came before, while Python made the names
   kept_ = std::move(kept);
   names_ = std::move(names);
-}
-
-std::optional<std::vector<Row>> rows_of(const MessageColumns& columns, std::size_t names) {
-  const auto& [parents, children, stamps, poses] = columns;
-  const std::size_t n = stamps.size() / sizeof(Stamp);
-  if (stamps.size() != n * sizeof(Stamp) || parents.size() != n * sizeof(std::uint32_t) ||
-      children.size() != n * sizeof(std::uint32_t) || poses.size() != n * sizeof(Pose))
-    return {};
-  std::vector<Row> rows(n);
-  std::uint32_t highest = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    rows[i] = {entry<std::uint32_t>(parents, i), entry<std::uint32_t>(children, i),
-               entry<Stamp>(stamps, i), entry<Pose>(poses, i)};
-    highest = std::max({highest, rows[i].parent, rows[i].child});
-  }
-  if (n != 0 && highest >= names) return {};
-  return rows;
 }
 
 void bind_transform_rows(nb::module_& m) {

@@ -4,6 +4,7 @@
 #include <span>
 
 #include "bindings/bindings.hpp"
+#include "messages/put.hpp"
 
 namespace ztf {
 
@@ -32,13 +33,5 @@ class TransformRows {
   std::vector<std::string_view> texts_;
   std::vector<Row> rows_;
 };
-
-// The columns of a message, little-endian.
-struct MessageColumns {
-  std::string_view parent, child, stamp, pose;
-};
-
-// The rows of columns that refer to `names` names; nullopt if they are malformed. Needs no GIL.
-std::optional<std::vector<Row>> rows_of(const MessageColumns& columns, std::size_t names);
 
 }  // namespace ztf

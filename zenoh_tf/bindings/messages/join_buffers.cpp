@@ -1,11 +1,15 @@
-// join_buffers: what bytes.join does, without the GIL while it copies.
+// join_buffers: what bytes.join does, without the GIL while it copies. decoded_size: what a message
+// will cost before it is decoded.
 #include <cstring>
 
 #include "bindings/bindings.hpp"
+#include "messages/decoded_size.hpp"
 
 namespace ztf {
 
 namespace {
+
+constexpr std::size_t kReleaseFrom = 64 * 1024;  // bytes from which releasing the GIL pays
 
 // The buffers of a sequence. Requires the GIL.
 class Buffers {
@@ -56,6 +60,15 @@ nb::bytes join_buffers(nb::handle parts) {
 
 }  // namespace
 
-void bind_join_buffers(nb::module_& m) { m.def("join_buffers", &join_buffers, nb::arg("parts")); }
+void bind_join_buffers(nb::module_& m) {
+  m.def("join_buffers", &join_buffers, nb::arg("parts"));
+  m.def(
+      "decoded_size",
+      [](const nb::bytes& message) {
+        const std::string_view data(message.c_str(), message.size());
+        return without_gil_if(data.size() >= kReleaseFrom, [&] { return decoded_size(data); });
+      },
+      nb::arg("message"));
+}
 
 }  // namespace ztf

@@ -2,7 +2,7 @@
 // zenoh_tf/wire takes the message: it is of another form, or fails.
 //
 // GIL: kept, as in tree.cpp.
-#include "lookups/single_lookup.hpp"
+#include "messages/single_lookup.hpp"
 
 #include "bindings/bindings.hpp"
 

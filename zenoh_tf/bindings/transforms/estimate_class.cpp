@@ -1,14 +1,11 @@
 // zenoh_tf.Estimate: the answer of an estimate.
 #include "bindings/transforms/estimate_class.hpp"
 
+#include <functional>
+
 namespace ztf {
 
 namespace {
-
-constexpr const char* kFields[] = {"target_frame", "source_frame", "transform",     "stamp_ns",
-                                   "error_m",      "error_rad",    "level",         "backtests",
-                                   "basis",        "by_ns",        "limiting_link", "predictor"};
-constexpr int kTransform = 2;
 
 nb::object limiting_link(const Estimate& e) {
   if (!e.limiting_link)
@@ -28,18 +25,38 @@ nb::object predictor(const Estimate& e) {
   return e.predictor;
 }
 
-// In the order of kFields.
-nb::tuple fields(const Estimate& e) {
-  return nb::make_tuple(e.target, e.source, e.pose, e.stamp, e.metres, e.radians, e.level,
-                        e.backtests, e.basis, e.by, limiting_link(e), predictor(e));
+// Calls visit(name, member or function of an estimate) for each field, in the order of the
+// constructor's arguments.
+template <class Visit>
+void each_field(Visit&& visit) {
+  visit("target_frame", &Estimate::target);
+  visit("source_frame", &Estimate::source);
+  visit("transform", &Estimate::pose);
+  visit("stamp_ns", &Estimate::stamp);
+  visit("error_m", &Estimate::metres);
+  visit("error_rad", &Estimate::radians);
+  visit("level", &Estimate::level);
+  visit("backtests", &Estimate::backtests);
+  visit("basis", &Estimate::basis);
+  visit("by_ns", &Estimate::by);
+  visit("limiting_link", &limiting_link);
+  visit("predictor", &predictor);
 }
 
+// The fields by name, in their order.
+nb::dict named_fields(const Estimate& e) {
+  nb::dict out;
+  each_field([&](const char* name, auto field) { out[name] = std::invoke(field, e); });
+  return out;
+}
+
+nb::tuple fields(const Estimate& e) { return nb::tuple(named_fields(e).values()); }
+
 std::string repr(const Estimate& e) {
-  std::string text = "Estimate(";
-  const nb::tuple values = fields(e);
-  for (std::size_t i = 0; i < std::size(kFields); ++i)
-    text +=
-        std::string(i ? ", " : "") + kFields[i] + "=" + nb::cast<std::string>(nb::repr(values[i]));
+  std::string text;
+  for (const auto& [name, value] : named_fields(e))
+    text += (text.empty() ? "Estimate(" : ", ") + nb::cast<std::string>(name) + "=" +
+            nb::cast<std::string>(nb::repr(value));
   return text + ")";
 }
 
@@ -48,10 +65,8 @@ std::string repr(const Estimate& e) {
 nb::handle interned(const char* text) { return PyUnicode_InternFromString(text); }
 
 nb::dict record_of(const Estimate& e) {
-  nb::dict record;
-  const nb::tuple values = fields(e);
-  for (std::size_t i = 0; i < std::size(kFields); ++i) record[kFields[i]] = values[i];
-  record[kFields[kTransform]] = nb::list(numbers(&e.pose.x, 7));
+  nb::dict record = named_fields(e);
+  record["transform"] = nb::list(numbers(&e.pose.x, 7));
   return record;
 }
 
@@ -70,18 +85,6 @@ void bind_estimate_class(nb::module_& m) {
           nb::arg("stamp_ns"), nb::arg("error_m"), nb::arg("error_rad"), nb::arg("level"),
           nb::arg("backtests"), nb::arg("basis"), nb::arg("by_ns"), nb::arg("limiting_link").none(),
           nb::arg("predictor"))
-      .def_ro("target_frame", &Estimate::target)
-      .def_ro("source_frame", &Estimate::source)
-      .def_prop_ro("transform", [](const Estimate& e) { return e.pose; })
-      .def_ro("stamp_ns", &Estimate::stamp)
-      .def_ro("error_m", &Estimate::metres)
-      .def_ro("error_rad", &Estimate::radians)
-      .def_ro("level", &Estimate::level)
-      .def_ro("backtests", &Estimate::backtests)
-      .def_ro("basis", &Estimate::basis)
-      .def_ro("by_ns", &Estimate::by)
-      .def_prop_ro("limiting_link", &limiting_link)
-      .def_prop_ro("predictor", &predictor)
       .def(
           "__eq__", [](const Estimate& a, const Estimate& b) { return fields(a).equal(fields(b)); },
           nb::is_operator())
@@ -94,7 +97,11 @@ void bind_estimate_class(nb::module_& m) {
         return nb::make_tuple(self.type(), fields(nb::cast<const Estimate&>(self)));
       });
   nb::list names;
-  for (const char* name : kFields) names.append(name);
+  each_field([&](const char* name, auto field) {
+    names.append(name);
+    estimate.def_prop_ro(name,
+                         [field](const Estimate& e) { return nb::cast(std::invoke(field, e)); });
+  });
   estimate.attr("__match_args__") = nb::tuple(names);
 }
 

@@ -60,21 +60,15 @@ void bind_stamped_transform(nb::module_& m) {
           },
           nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns").none(),
           nb::arg("transform"), nb::kw_only(), nb::arg("gap_ns") = 0)
-      .def_prop_ro(
-          "parent_frame", [](const StampedTransform& s) { return s.parent_frame; },
-          ZTF_PROPERTY_DOC(StampedTransform_parent_frame))
-      .def_prop_ro(
-          "child_frame", [](const StampedTransform& s) { return s.child_frame; },
-          ZTF_PROPERTY_DOC(StampedTransform_child_frame))
-      .def_prop_ro(
-          "stamp_ns", [](const StampedTransform& s) { return s.stamp; },
-          ZTF_PROPERTY_DOC(StampedTransform_stamp_ns))
+      .def_ro("parent_frame", &StampedTransform::parent_frame,
+              ZTF_PROPERTY_DOC(StampedTransform_parent_frame))
+      .def_ro("child_frame", &StampedTransform::child_frame,
+              ZTF_PROPERTY_DOC(StampedTransform_child_frame))
+      .def_ro("stamp_ns", &StampedTransform::stamp, ZTF_PROPERTY_DOC(StampedTransform_stamp_ns))
       .def_prop_ro(
           "transform", [](const StampedTransform& s) { return s.pose; },
           ZTF_PROPERTY_DOC(StampedTransform_transform))
-      .def_prop_ro(
-          "gap_ns", [](const StampedTransform& s) { return s.gap; },
-          ZTF_PROPERTY_DOC(StampedTransform_gap_ns))
+      .def_ro("gap_ns", &StampedTransform::gap, ZTF_PROPERTY_DOC(StampedTransform_gap_ns))
       .def(
           "__eq__",
           [](const StampedTransform& a, const StampedTransform& b) { return equal(a, b); },
@@ -114,9 +108,8 @@ void bind_latest_transform(nb::module_& m) {
           },
           nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns"),
           nb::arg("transform"), nb::arg("newest_stamp_ns"))
-      .def_prop_ro(
-          "newest_stamp_ns", [](const LatestTransform& s) { return s.newest; },
-          ZTF_PROPERTY_DOC(LatestTransform_newest_stamp_ns))
+      .def_ro("newest_stamp_ns", &LatestTransform::newest,
+              ZTF_PROPERTY_DOC(LatestTransform_newest_stamp_ns))
       .def(
           "__eq__",
           [](const LatestTransform& a, const LatestTransform& b) {

@@ -10,7 +10,7 @@ namespace ztf {
 
 namespace {
 
-constexpr double kSecond = 1e9, kMinute = 60e9, kHour = 3600e9, kDay = 24 * kHour;
+constexpr double kNsPerSecond = 1e9, kMinute = 60e9, kHour = 3600e9, kDay = 24 * kHour;
 // Stamps after 1973 are of a real clock.
 constexpr Stamp kReal = 100'000'000'000'000'000;
 // How far a stamp of simulated time may be from the others, if it is read in another unit. A stamp
@@ -66,8 +66,8 @@ std::string age(double length_ns) {
   const std::string sign = length_ns < 0 ? "-" : "";
   const double value = std::abs(length_ns);
   if (value < 1e6) return sign + printed("%.0f us", std::floor(value / 1e3));
-  if (value < kSecond) return sign + printed("%.0f ms", value / 1e6);
-  if (value < 2 * kMinute) return sign + printed("%.1f s", value / kSecond);
+  if (value < kNsPerSecond) return sign + printed("%.0f ms", value / 1e6);
+  if (value < 2 * kMinute) return sign + printed("%.1f s", value / kNsPerSecond);
   if (value < 2 * kHour) return sign + printed("%.0f min", value / kMinute);
   if (value < 100 * kHour) return sign + printed("%.1f h", value / kHour);
   const double days = value / kDay;

@@ -1,6 +1,6 @@
 // The folder `lookups/`: the lookups of a tree of this process or of a shared one.
 // In: queries. Out: answers, validated; a lookup that fails too often takes locks.
-// It may include base, geometry, reads, estimates, tree_state.hpp, modes, shared.
+// It may include base, reads, estimates, tree_state.hpp, modes, shared.
 //
 // The lookups of a tree. Each is one transaction, unless it says otherwise.
 //

@@ -1,7 +1,8 @@
-#include "lookups/single_lookup.hpp"
+#include "messages/single_lookup.hpp"
 
 #include <bit>
-#include <cstring>
+
+#include "messages/cursor.hpp"
 
 namespace ztf {
 
@@ -64,44 +65,6 @@ class Writer {
   std::string out_;
 };
 
-// Reads one part after the other. False: the message has other fields, and the slow path parses it.
-class MessageReader {
- public:
-  explicit MessageReader(std::string_view data) : rest_(data) {}
-
-  bool raw(std::string_view bytes) {
-    if (!rest_.starts_with(bytes)) return false;
-    rest_.remove_prefix(bytes.size());
-    return true;
-  }
-  template <class T>
-  bool number(T& value) {
-    if (rest_.size() < sizeof value) return false;
-    std::memcpy(&value, rest_.data(), sizeof value);
-    rest_.remove_prefix(sizeof value);
-    return true;
-  }
-  bool text(std::string_view& text) {
-    if (rest_.empty()) return false;
-    const auto head = static_cast<unsigned char>(rest_[0]);
-    std::size_t begin = 1, size = head & kShortText;
-    if (head == 0xd9 && rest_.size() > 1) {
-      begin = 2;
-      size = static_cast<unsigned char>(rest_[1]);
-    } else if ((head & ~kShortText) != 0xa0) {
-      return false;
-    }
-    if (rest_.size() < begin + size) return false;
-    text = rest_.substr(begin, size);
-    rest_.remove_prefix(begin + size);
-    return true;
-  }
-  [[nodiscard]] bool at_end() const { return rest_.empty(); }
-
- private:
-  std::string_view rest_;
-};
-
 }  // namespace
 
 std::optional<std::string> pack_single_lookup(const SingleLookup& lookup) {
@@ -119,11 +82,11 @@ std::optional<std::string> pack_single_lookup(const SingleLookup& lookup) {
 }
 
 std::optional<SingleLookup> parse_single_lookup(std::string_view message) {
-  MessageReader reader(message);
+  MessageCursor cursor(message);
   SingleLookup lookup;
-  if (reader.raw(kNames) && reader.text(lookup.target) && reader.text(lookup.source) &&
-      reader.raw(kOp) && reader.number(lookup.op) && reader.raw(kIndexes) && reader.raw(kStamp) &&
-      reader.number(lookup.stamp) && reader.at_end())
+  if (cursor.raw(kNames) && cursor.text(lookup.target) && cursor.text(lookup.source) &&
+      cursor.raw(kOp) && cursor.entry(lookup.op) && cursor.raw(kIndexes) && cursor.raw(kStamp) &&
+      cursor.entry(lookup.stamp) && cursor.at_end())
     return lookup;
   return {};
 }
@@ -145,16 +108,16 @@ std::optional<std::string> pack_single_answer(const SingleAnswer& answer,
 
 std::optional<SingleAnswer> parse_single_answer(std::string_view message,
                                                 std::string_view instance) {
-  MessageReader reader(message);
+  MessageCursor cursor(message);
   SingleAnswer answer;
-  const bool has_newest = reader.raw(kSevenFields);
-  if (!has_newest && !reader.raw(kSixFields)) return {};
-  if (!reader.raw(kStatus) || !reader.raw(kStamp) || !reader.number(answer.stamp) ||
-      !reader.raw(kPose) || !reader.number(answer.pose) || !reader.raw(kNoErrors))
+  const bool has_newest = cursor.raw(kSevenFields);
+  if (!has_newest && !cursor.raw(kSixFields)) return {};
+  if (!cursor.raw(kStatus) || !cursor.raw(kStamp) || !cursor.entry(answer.stamp) ||
+      !cursor.raw(kPose) || !cursor.entry(answer.pose) || !cursor.raw(kNoErrors))
     return {};
-  if (has_newest && (!reader.raw(kNewest) || !reader.number(answer.newest.emplace()))) return {};
+  if (has_newest && (!cursor.raw(kNewest) || !cursor.entry(answer.newest.emplace()))) return {};
   std::string_view from;
-  if (!reader.raw(kEnvelope) || !reader.text(from) || from != instance || !reader.at_end())
+  if (!cursor.raw(kEnvelope) || !cursor.text(from) || from != instance || !cursor.at_end())
     return {};
   return answer;
 }
