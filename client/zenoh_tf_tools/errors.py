@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Final
 
 #: The exit code of a command whose answer is that something is wrong.
@@ -27,9 +26,3 @@ def extra(name: str, module: str) -> Iterator[None]:
             f"this command needs {module}, which is not installed; install it with: "
             f"pip install 'zenoh-tf[{name}]'"
         ) from error
-
-
-def keep_input(file: Path | None, out: Path | None) -> None:
-    """Raise CommandError if a command would write over the file that it reads."""
-    if file is not None and out is not None and out.exists() and out.samefile(file):
-        raise CommandError(f"{out}: this is the recording itself; give another name for the output")

@@ -7,7 +7,6 @@ import io
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.recordings.files import Log, write
@@ -78,18 +77,6 @@ def test_every_step_as_csv(zenoh_tf: Run, recording: Path) -> None:
     assert rows[0]["qw"] == "1.0"
 
 
-def test_every_step_as_arrays(zenoh_tf: Run, recording: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out.npz"
-    asked = ("query", str(recording), "odom", "base", "--every", "0.1s", "--npz", str(out))
-    printed = succeeds(zenoh_tf(*asked, "--start", "+0.3s", "--end", "-0.2s"))
-    assert printed == f"6 poses written to {out}\n"
-    with np.load(out) as arrays:
-        assert set(arrays.files) == {"stamps_ns", "translations", "rotations"}
-        assert arrays["stamps_ns"].tolist() == [7_300_000_000 + i * 10**8 for i in range(6)]
-        np.testing.assert_allclose(arrays["translations"][:, 0], 15 + 5 * np.arange(6))
-        assert arrays["rotations"].shape == (6, 4)
-
-
 def test_every_step_for_reading_and_as_json(zenoh_tf: Run, recording: Path) -> None:
     asked = ("query", str(recording), "odom", "base", "--every", "500ms")
     header, *lines = succeeds(zenoh_tf(*asked)).splitlines()
@@ -157,8 +144,6 @@ def test_errors_are_one_line(zenoh_tf: Run, recording: Path, tmp_path: Path) -> 
         ((file, "base", "camera", "--every", "1s"), "are static"),
         ((file, "odom", "base", "--every", "1ns"), "more than 10,000,000"),
         ((file, "odom", "base", "--every", "1s", "--end", "1s"), "--end (1.000000000 s) is before"),
-        ((file, "odom", "base", "--every", "1s", "--npz", str(tmp_path)), "cannot be written"),
-        ((file, "odom", "base", "--every", "1s", "--npz", str(file)), "the recording itself"),
         ((large, "--max-memory", "64K"), "allow more by --max-memory"),
         ((str(tmp_path / "no.mcap"),), "no such file"),
     ):

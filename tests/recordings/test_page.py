@@ -65,13 +65,12 @@ def test_every_command_runs(
             if out:
                 (folder / out).write_text(done.stdout)
     assert len((folder / "camera.csv").read_text().splitlines()) == 1002
-    assert np.load(folder / "camera.npz")["translations"].shape == (1001, 3)
     assert TransformTree.from_recording(folder / "cell.mcap").frames()
 
 
 def test_the_page_has_commands_to_check() -> None:
     assert {line.split()[1] for line in COMMANDS} == {"query", "estimate", "record", "replay"}
-    assert len(COMMANDS) >= 8
+    assert len(COMMANDS) >= 7
 
 
 def test_the_snippet_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

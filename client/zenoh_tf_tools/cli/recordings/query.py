@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -20,7 +19,7 @@ from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_max_gap
-from zenoh_tf_tools.errors import CommandError, keep_input
+from zenoh_tf_tools.errors import CommandError
 
 #: Rows of one answer; 100 bytes each.
 _MAX_ROWS: Final = 10_000_000
@@ -40,7 +39,6 @@ def add(commands: Commands) -> None:
         "zenoh-tf query run.mcap",
         "zenoh-tf query run.mcap map base --at +10s",
         "zenoh-tf query run.mcap map base --every 20ms --csv > base.csv",
-        "zenoh-tf query run.mcap map base --every 20ms --npz base.npz",
     )
     recorded.add_file(query)
     query.add_argument(
@@ -62,14 +60,7 @@ def add(commands: Commands) -> None:
         "can serve)",
     )
     add_max_gap(query)
-    form = query.add_mutually_exclusive_group()
-    form.add_argument("--csv", action="store_true", help="print comma-separated values")
-    form.add_argument(
-        "--npz",
-        metavar="OUT",
-        type=Path,
-        help="write NumPy arrays: stamps_ns (n,), translations (n, 3), rotations (n, 4)",
-    )
+    query.add_argument("--csv", action="store_true", help="print comma-separated values")
     query.add_argument(
         "--max-memory",
         metavar="BYTES",
@@ -85,7 +76,6 @@ def _query(args: argparse.Namespace) -> int:
     args.is_series = args.every_s is not None or args.count is not None
     if (args.start or args.end) and not args.is_series:
         args.usage_error("--start and --end belong to --every and --count")
-    keep_input(args.file, args.npz)
     advice = "; allow more by --max-memory, or read less by --topic"
     tree, range_ns = recorded.loaded(args, args.max_memory, advice)
     if args.target is None:
@@ -157,9 +147,7 @@ def _print(args: argparse.Namespace, array: TransformArray, *, static: bool) -> 
             file=sys.stderr,
         )
         array = array[array.ok]
-    if args.npz:
-        _write_npz(args.npz, array)
-    elif args.csv:
+    if args.csv:
         print(",".join(_COLUMNS))
         for row in _rows(array):
             print(*row, sep=",")
@@ -184,20 +172,6 @@ def _answers(args: argparse.Namespace, array: TransformArray) -> Iterator[Stampe
     stamps, gaps = array.stamps_ns.tolist(), array.gaps_ns.tolist()
     for stamp_ns, gap_ns, transform in zip(stamps, gaps, array, strict=True):
         yield StampedTransform(args.target, args.source, stamp_ns, transform, gap_ns=gap_ns)
-
-
-def _write_npz(path: Path, array: TransformArray) -> None:
-    try:
-        with path.open("wb") as file:
-            np.savez(
-                file,
-                stamps_ns=array.stamps_ns,
-                translations=array.translations,
-                rotations=array.rotations,
-            )
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be written: {error.strerror}") from error
-    print(f"{len(array):,} poses written to {path}")
 
 
 def _print_frames(

@@ -17,7 +17,7 @@ from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_frames
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.show import view
 from zenoh_tf_tools.cli.show.pair_delays import add_pairs
-from zenoh_tf_tools.errors import CommandError, extra, keep_input
+from zenoh_tf_tools.errors import CommandError, extra
 from zenoh_tf_tools.plotting.lookups import PairHistory, follow, pose_error, replayed
 
 #: How long a server is followed.
@@ -71,7 +71,8 @@ def _plot(args: argparse.Namespace) -> int:
         from zenoh_tf_tools.plotting.figure import save  # noqa: PLC0415 - an optional extra
     if not args.out.parent.is_dir():
         raise CommandError(f"{args.out}: there is no folder {args.out.parent}")
-    keep_input(args.file, args.out)
+    if args.file is not None and args.out.exists() and args.out.samefile(args.file):
+        raise CommandError(f"{args.out}: this is the recording itself; give another --out")
     histories = _histories(args)
     for history in histories:
         if not history.answered.any() and history.error is not None:
