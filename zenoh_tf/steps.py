@@ -82,8 +82,9 @@ class Sender(Protocol):
     def loop(self) -> asyncio.AbstractEventLoop:
         """The loop."""
 
-    def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> Sent:
-        """Send a query. The loop calls `arrived` with its outcome, later and once."""
+    def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> Sent | None:
+        """Send a query. The loop calls `arrived` with its outcome, later and once. None: it cannot
+        be cancelled."""
 
 
 class LoopSteps(ABC):

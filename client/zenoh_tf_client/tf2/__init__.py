@@ -21,9 +21,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 
-from .buffer import Buffer
+from .buffer import Buffer, BufferInterface, NotImplementedException
 from .buffer_client import BufferClient
-from .buffer_interface import BufferInterface, NotImplementedException
 from .clouds import do_transform_cloud
 from .connection import close, connect
 from .future import TransformFuture

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from zenoh_tf.errors import InvalidArgumentException
 
-from .buffer_interface import BufferInterface
+from .buffer import BufferInterface
 
 #: tf2's topics, which the server's trees stand for.
 _TOPIC: Final = "/tf"

@@ -26,7 +26,7 @@ from zenoh_tf._net.queries import ReplyParts
 from zenoh_tf.errors import TransformException
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.mirrors.shared_bytes import SharedBytes
-from zenoh_tf.steps import Ask, LoopSteps, Outcome, Sent, Steps
+from zenoh_tf.steps import Ask, LoopSteps, Outcome, Steps
 
 from ..ingest.ingest import Ingest
 from ..ingest.put_queues import Put
@@ -179,7 +179,7 @@ class _Sender:
         self.loop = loop
         self._source = source
 
-    def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> Sent:
+    def send(self, step: Ask, arrived: Callable[[Outcome], None]) -> None:
         parts = ReplyParts()
         whole: list[bytes] = []
 
@@ -195,15 +195,4 @@ class _Sender:
         try:
             self._source.send(step, replied, ended)
         except TransformException as error:
-            return self.loop.call_soon(arrived, error)
-        return _NOT_CANCELLED
-
-
-class _Query:
-    """A query to a robot, which ends by itself."""
-
-    def cancel(self) -> None:
-        """Nothing: no routine of a feed is cancelled."""
-
-
-_NOT_CANCELLED: Final = _Query()
+            self.loop.call_soon(arrived, error)
