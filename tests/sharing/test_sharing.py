@@ -180,6 +180,7 @@ def test_no_answer_is_from_a_killed_server_once_its_successor_has_committed(
                 writer.set_transform(link(2))
                 committed_s = time.monotonic()
             wait_until(lambda: becomes_shared(tf))
+            wait_until(lambda: reader.seen[-1][1] == 2)
         finally:
             reader.stop()
         assert any(x == 1 for _, x in reader.seen)
