@@ -2,6 +2,7 @@
 #include "bindings/reads/answer_columns.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <limits>
 
 namespace ztf {
@@ -61,7 +62,7 @@ AnswerColumns::AnswerColumns(std::size_t rows, const FailureReport& report)
     : size(rows),
       status(std::make_unique_for_overwrite<std::uint8_t[]>(size)),
       stamp(std::make_unique_for_overwrite<Stamp[]>(size)),
-      newest(std::make_unique_for_overwrite<Stamp[]>(size)),
+      newest(report.errors ? std::make_unique_for_overwrite<Stamp[]>(size) : nullptr),
       pose(std::make_unique_for_overwrite<double[]>(7 * size)),
       most_failed_(report.errors ? size : 0),
       is_starting_(report.is_starting) {
@@ -78,14 +79,15 @@ bool AnswerColumns::add(const LookupRows& rows, std::size_t first,
   for (std::size_t i = first; i < first + answers.size(); ++i) {
     const Answer& a = answers[i - first];
     stamp[i] = a.stamp;
-    newest[i] = a.newest;
+    if (newest) newest[i] = a.newest;
     if (a.gap != 0) [[unlikely]] {
       if (!gap) gap = std::make_unique<Stamp[]>(size);
       gap[i] = a.gap;
     }
     if (a.failure.code == Code::ok) [[likely]] {
       status[i] = 0;
-      d = std::copy_n(&a.pose.x, 7, d);
+      std::memcpy(d, &a.pose.x, 7 * sizeof(double));  // without a call, unlike std::copy_n
+      d += 7;
       continue;
     }
     Failure failure = a.failure;

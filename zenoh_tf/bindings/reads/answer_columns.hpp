@@ -28,7 +28,7 @@ struct ReadColumns {
 // How the failures of a reply are reported.
 struct FailureReport {
   bool is_starting = false;  // the tree's server
-  bool errors = true;        // false: only by their status
+  bool errors = true;        // false: only by their status, and there are no newest stamps
   Budget* budget = nullptr;  // beyond its `error_bytes`, rows that fail have only their status
   // Empty, or for each row how long it has waited, or why it could not.
   std::vector<std::string> notes = {};

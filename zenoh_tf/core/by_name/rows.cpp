@@ -106,7 +106,7 @@ void LookupRows::look_up_at_once(const AnyTree& tree, std::span<Answer> answers,
                                  std::size_t max_reads) {
   std::vector<Query> queries(size);
   for (bool is_current = false; !is_current;) {
-    for (std::size_t i = 0; i < size; ++i) queries[i] = query(i);
+    set(queries, 0);
     std::optional<Rejected> rejection;  // it may rest on other names' frames, as an answer may
     try {
       tree.lookup_transaction(queries, answers, reads, max_reads);
