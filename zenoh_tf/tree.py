@@ -48,9 +48,10 @@ class TransformTree(TreeEstimates):
         max_samples_per_frame: Most samples of one link; a full link evicts its oldest sample and
             counts it.
         max_name_bytes: Most bytes of a frame's name in UTF-8; longer ones raise `LimitExceeded`.
-        max_depth: Most links between a frame and its root; a write that puts a frame deeper raises
-            `LimitExceeded`. Also the most links that a lookup follows upwards from either frame.
-            0 means no limit.
+        max_depth: Most links between a frame and its root: a write whose child would be deeper
+            raises `LimitExceeded`. Also the most links that a lookup follows upwards from either
+            frame, so lookups of frames that a moved parent takes deeper raise `LookupException`.
+            0 means no limit; then a change of parent takes as long as there are frames above it.
         one_authority_per_frame: Reject a write to a link that another authority has written.
         time_jump: What a transform means that is older than its link's newest by more than the
             cache time. `"reject"`: it is late, so it is dropped or rejected. `"clear"`: so it is,

@@ -136,7 +136,8 @@ class Limits:
     depth: int = _fixed(
         1000,
         "links between a frame and its root, and that a lookup follows from either frame",
-        "a write that puts a frame deeper is refused, a lookup in the past fails",
+        "a write whose child would be deeper is refused; a lookup in the past, or below a moved "
+        "frame, fails",
     )
     links: int = _fixed(
         10_000_000,

@@ -91,9 +91,10 @@ class Stored:
         dropped = [child for child, what in happened if what == "dropped"]
         if dropped and not drop_old:
             self._refuse("too old in a transaction")
-        if self.has_cycle(links):
+        depths = self.new_depths(links, {row.child for row in rows})
+        if None in depths:
             self._refuse("cycle")
-        if self.too_deep(links):
+        if any(depth is not None and depth > self.max_depth for depth in depths):
             self.events["refused: too deep"] += 1
             raise errors.LimitExceeded("too deep")
         for child in {row.child for row in rows} & before.keys():
@@ -184,15 +185,22 @@ class Stored:
                     return True
         return False
 
-    def too_deep(self, links: dict[str, Link]) -> bool:
-        """True if a frame has more links above it than allowed. Requires that there is no cycle."""
-        for child in links:
-            frame, depth = child, 0
-            while frame in links:
+    def new_depths(self, links: dict[str, Link], children: set[str]) -> list[int | None]:
+        """Return how many links are above each child with another parent, or None for a cycle.
+
+        A cycle of more links than `max_depth` counts as too deep. Frames below the children may be
+        too deep: their lookups say so.
+        """
+        depths: list[int | None] = []
+        for child in children & links.keys():
+            before = self.links.get(child)
+            if before and before.samples[-1].parent == links[child].samples[-1].parent:
+                continue
+            frame, depth = links[child].samples[-1].parent, 1
+            while frame in links and frame != child and depth <= self.max_depth:
                 frame, depth = links[frame].samples[-1].parent, depth + 1
-            if depth > self.max_depth:
-                return True
-        return False
+            depths.append(None if frame == child else depth)
+        return depths
 
     def with_rows(
         self, links: dict[str, Link], rows: Sequence[Row], static: bool

@@ -12,7 +12,6 @@ TreeState::TreeState(const Options& given)
       ring_arena(region, options.max_memory_bytes),
       events(region.events()),
       edits(options.max_ids() + 1),
-      topology_index(options.max_ids() + 1),
       authority_counters(options.max_authorities),
       ever_reparented(region.header().ever_reparented),
       ids_freed(region.header().ids_freed),

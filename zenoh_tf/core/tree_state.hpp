@@ -59,7 +59,6 @@
 #include "records/frame_info.hpp"
 #include "records/layout.hpp"
 #include "records/region.hpp"
-#include "records/topology_index.hpp"
 #include "waiting/wait_list.hpp"
 
 namespace ztf {
@@ -117,7 +116,6 @@ struct TreeState {
   // By frame: how often its history was changed otherwise than by newer samples of the same parent.
   // Written under the frame's write lock.
   const ZeroedArray<std::atomic<std::uint32_t>> edits;
-  TopologyIndex topology_index;  // guarded by the topology mutex
   AuthorityCounters authority_counters;
   std::atomic<bool>& ever_reparented;  // some frame once had samples of two parents
   // Counts how often ids of removed names or authorities were freed. It is incremented

@@ -21,8 +21,9 @@ struct Options {
   std::uint32_t max_frames = 1u << 20;
   std::uint32_t max_samples_per_frame = 1u << 16;
   std::uint32_t max_name_bytes = 255;
-  // The most links between a frame and its root: a commit that puts a frame deeper is rejected. It
-  // also ends lookups at past times, whose links may form a loop. 0: no limit.
+  // The most links between a frame and its root: a commit whose child would be deeper is rejected.
+  // It also ends lookups at past times, whose links may form a loop, and those of frames that a
+  // moved parent has taken deeper. 0: no limit.
   std::uint32_t max_depth = 1000;
   // If there are more, those that own no frame are freed, the least recently used first.
   std::uint16_t max_authorities = 4096;

@@ -27,7 +27,6 @@ void CommitExecution::apply() noexcept {
   plan_.names().publish(plan_.children());
   for (const FrameWrites& group : plan_.groups())
     if (apply_group(group)) changed_.push_back(group.child);
-  plan_.keep_links();
   if (plan_.is_first_reparenting()) tree_.ever_reparented.store(true);
   tally_.commits = counts_as_commit();
   count_authority();
@@ -36,7 +35,7 @@ void CommitExecution::apply() noexcept {
 // Drops the frame's samples, as time was set back. The group's rows are stored next.
 void CommitExecution::restart_history(const FrameWrites& group) noexcept {
   record_time_jump(group, plan_.write(group.begin).stamp);
-  clear_history(*group.frame);
+  drop_samples(*group.frame);
 }
 
 void CommitExecution::record_time_jump(const FrameWrites& group, Stamp to) noexcept {

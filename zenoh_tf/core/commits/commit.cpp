@@ -8,18 +8,6 @@ namespace ztf {
 
 namespace {
 
-// Restores the topology index at the end of an attempt that has not applied its plan.
-class LinksRestored {
- public:
-  explicit LinksRestored(CommitPlan& plan) noexcept : plan_(plan) {}
-  ~LinksRestored() { plan_.undo_links(); }
-  LinksRestored(const LinksRestored&) = delete;
-  LinksRestored& operator=(const LinksRestored&) = delete;
-
- private:
-  CommitPlan& plan_;
-};
-
 // One attempt to commit. Returns `ready` if the commit is applied, else the scope that it needs.
 // Throws Rejected and bad_alloc. Unless it returns `ready` it has changed nothing that others can
 // see, and `stored` is unspecified.
@@ -40,7 +28,6 @@ PlanOutcome try_commit(TreeState& tree, CommitPlan& plan, CommitExecution& execu
     ticket.draw();
     plan.validate_read_set(locks);
   }
-  const LinksRestored restored(plan);
   if (const PlanOutcome outcome = plan.decide(scope); outcome != PlanOutcome::ready) return outcome;
   execution.reserve();
   execution.log(ticket, locks);
@@ -93,10 +80,10 @@ Rejected rejection_of(const TreeState& tree, const CommitRequest& request, const
     case RowResult::cycle:
       return rejection(request, row, "parent_frame", "the link would close a cycle");
     case RowResult::too_deep: {
-      Rejected rejected = rejection(request, row, "max_depth",
-                                    "it, or a frame below it, would be more than " +
-                                        with_separators(tree.options.max_depth) +
-                                        " links below its root (max_depth)");
+      Rejected rejected =
+          rejection(request, row, "max_depth",
+                    "it would be more than " + with_separators(tree.options.max_depth) +
+                        " links below its root (max_depth)");
       rejected.code = Code::limit;
       rejected.limit = tree.options.max_depth;
       return rejected;

@@ -178,7 +178,7 @@ PlanOutcome CommitPlan::decide(CommitScope scope) {
     return remove_refused();
   if (topology_changes) {
     if (scope == CommitScope::children) return PlanOutcome::needs_topology;
-    change_links();
+    check_links();
     if (has_refused_groups_) [[unlikely]]
       return remove_refused();
   }

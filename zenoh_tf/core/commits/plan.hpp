@@ -8,7 +8,7 @@
 // Invariants
 // 1. After a retry all steps run again. Rows that an attempt has refused stay refused.
 // 2. Planning changes nothing that readers can see but the marks of late samples (FrameEvents),
-//    also for a commit that is then rejected. It changes the topology index, until undo_links().
+//    also for a commit that is then rejected.
 #pragma once
 
 #include <span>
@@ -48,6 +48,7 @@ struct FrameWrites {
   FrameId child;
   std::uint32_t begin, end;  // the rows: CommitPlan::writes()[begin, end)
   FrameId new_parent = 0;    // the frame's parent after this commit; 0: as before
+  bool is_linked = false;    // check_links() takes the new parent for the frame's
   // A stored row has another parent than the newest sample. Also set if a later row restores the
   // parent, or the sample is late: the topology mutex must keep that parent from being removed.
   bool stores_other_parent = false;
@@ -95,12 +96,6 @@ class CommitPlan {
   // Step 3: decides what each group stores, and reserves memory for it. Requires the write locks.
   // Throws Rejected and bad_alloc.
   PlanOutcome decide(CommitScope scope);
-
-  // Restores the topology index, unless keep_links() has been called. Requires that decide() has,
-  // that nothing is applied, and still the topology mutex.
-  void undo_links() noexcept;
-  // Leaves the topology index as decide() has changed it, as the links are now the same.
-  void keep_links() noexcept { changed_links_.clear(); }
 
   // The results, once decide() has returned ready.
   [[nodiscard]] const CommitRequest& request() const noexcept { return request_; }
@@ -161,14 +156,11 @@ class CommitPlan {
                                 Stamp oldest_of_full) const noexcept;
   [[noreturn]] void reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
                                  Stamp oldest) const;
-  // Changes the topology index as this commit will change the newest parents. Throws Rejected if
-  // they would form a cycle, or a frame would be too deep; and bad_alloc. Requires the topology
-  // mutex, and undo_links() also if it throws.
-  void change_links();
-  void change_links_one_by_one();
-  [[nodiscard]] std::uint32_t limit_of_depths() const noexcept;
-  [[noreturn]] void reject_cycle(const FrameWrites& last);
-  [[noreturn]] void reject_depth() const;
+  // Refuses links that would close a cycle, or put their child too deep. Requires the topology
+  // mutex. Throws Rejected and bad_alloc.
+  void check_links();
+  void check_links_one_by_one();
+  [[nodiscard]] std::uint8_t check_link(const FrameWrites& group) const noexcept;
   [[nodiscard]] bool may_copy_history(const FrameWrites& group) const noexcept;
   void reserve_memory();
   void prepare_ring(FrameWrites& group);
@@ -187,7 +179,6 @@ class CommitPlan {
   SmallVector<RowWrite, 16> writes_;  // without the rows that are refused
   SmallVector<Pose, 16> poses_;       // by row of the request, normalised
   SmallVector<FrameWrites, 16> groups_;
-  SmallVector<std::uint32_t, 4> changed_links_;  // groups whose links the topology index has
   // Rings that no frame has: those that this attempt has prepared, then those that they replaced.
   SmallVector<PreparedRing, 1> prepared_rings_;
   FrameList children_;  // of groups_, ascending

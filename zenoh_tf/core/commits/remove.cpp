@@ -1,5 +1,6 @@
 // The writes that drop samples or frames: clear(), reset() and remove_frame().
 #include <algorithm>
+#include <vector>
 
 #include "commits/apply.hpp"
 #include "commits/commit.hpp"
@@ -15,31 +16,12 @@ bool is_cleared(const Frame& frame, bool keep_static) noexcept {
   return frame.parent.load(relaxed) != 0 && !(keep_static && frame.is_static.load(relaxed));
 }
 
-// Leaves the frame without samples and without a parent. Requires what clear_history() does. The
-// topology index does not change.
+// Leaves the frame without samples and without a parent. Requires what clear_history() does.
 void clear_frame(TreeState& tree, FrameId id) noexcept {
   clear_history(tree.frames[id]);
   tree.frames[id].authority.store(0, std::memory_order_release);  // it is the link's
   tree.events[id].forget_link();
   increment(tree.edits[id]);
-}
-
-// Updates the topology index once the samples of `dropped` are. It does what is cheaper: to cut
-// their links, or to link what is left. Requires the topology mutex.
-void cut_links(TreeState& tree, const FrameList& dropped) noexcept {
-  const auto parent_of = [&](FrameId id) {
-    return tree.frames[id].parent.load(std::memory_order_relaxed);
-  };
-  const FrameId last = tree.names.size();
-  std::size_t left = 0;
-  for (FrameId id = 1; id <= last; ++id) left += parent_of(id) != 0;
-  if (dropped.size() <= left) {
-    for (const FrameId id : dropped) tree.topology_index.cut(id);
-    return;
-  }
-  for (FrameId id = 1; id <= last; ++id) tree.topology_index.forget(id);
-  for (FrameId id = 1; id <= last; ++id)
-    if (const FrameId parent = parent_of(id); parent != 0) tree.topology_index.link(id, parent);
 }
 
 // Drops the frames with their names, at one instant. Requires the topology mutex. Throws Rejected
@@ -68,6 +50,32 @@ void drop_frames(TreeState& tree, const FrameList& frames, std::int64_t expires_
   for (const Ring ring : rings) ring.give_back(tree.ring_arena);
 }
 
+// Returns the child with the lowest id; 0 if the frame has none. Requires the topology mutex.
+FrameId first_child(const TreeState& tree, FrameId parent) noexcept {
+  for (FrameId id = 1; id <= tree.names.size(); ++id)
+    if (tree.frames[id].parent.load(std::memory_order_relaxed) == parent) return id;
+  return 0;
+}
+
+// Lists a frame and all below it, ascending. It walks up from each frame, and no link twice.
+// Requires the topology mutex. Throws bad_alloc.
+void list_with_descendants(const TreeState& tree, FrameId top, FrameList& frames) {
+  enum class Place : std::uint8_t { unknown, below, elsewhere };
+  std::vector<Place> places(tree.names.size() + 1);
+  places[0] = Place::elsewhere;
+  places[top] = Place::below;
+  FrameList walked;
+  for (FrameId id = 1; id <= tree.names.size(); ++id) {
+    walked.clear();
+    FrameId at = id;
+    for (; places[at] == Place::unknown;
+         at = tree.frames[at].parent.load(std::memory_order_relaxed))
+      walked.push_back(at);
+    for (const FrameId each : walked) places[each] = places[at];
+    if (places[id] == Place::below) frames.push_back(id);
+  }
+}
+
 // Lists a frame and, if it has children, its descendants, ascending. Requires the topology mutex.
 // Throws Rejected if the frame is unknown, or has children and `subtree` is false.
 void list_subtree(const TreeState& tree, std::string_view name, bool subtree, FrameList& frames) {
@@ -76,7 +84,8 @@ void list_subtree(const TreeState& tree, std::string_view name, bool subtree, Fr
     throw Rejected{.code = Code::lookup,
                    .message = "frame " + quoted(name) + " does not exist",
                    .frame = std::string(name)};
-  if (const FrameId child = tree.topology_index.first_child(id); child != 0 && !subtree) {
+  const FrameId child = first_child(tree, id);
+  if (child != 0 && !subtree) {
     const std::string child_name = tree.name(child);
     throw Rejected{.code = Code::invalid_argument,
                    .message = "cannot remove frame " + quoted(name) + ": it is the parent of " +
@@ -85,8 +94,10 @@ void list_subtree(const TreeState& tree, std::string_view name, bool subtree, Fr
                    .parent = std::string(name),
                    .field = "name"};
   }
-  tree.topology_index.visit_subtree(id, [&](FrameId frame) { frames.push_back(frame); });
-  std::sort(frames.begin(), frames.end());
+  if (child != 0)
+    list_with_descendants(tree, id, frames);
+  else
+    frames.push_back(id);
 }
 
 }  // namespace
@@ -109,7 +120,6 @@ void clear(TreeState& tree, bool keep_static, std::int64_t expires_ns) {
     for (const FrameId id : dropped) clear_frame(tree, id);
     locks.release(dropped);
     ticket.publish();
-    cut_links(tree, dropped);
   }
   tree.commit_count.add();
   tree.wait_list.notify_frames(dropped);
@@ -122,7 +132,6 @@ void reset(TreeState& tree, std::int64_t expires_ns) {
     const auto topology = lock_announced(tree.topology);  // no name is added meanwhile
     tree.list_frames(all);
     drop_frames(tree, all, expires_ns);
-    for (const FrameId id : all) tree.topology_index.forget(id);
   }
   tree.commit_count.add();
   tree.wait_list.notify_frames(all);
@@ -134,10 +143,7 @@ void remove_frame(TreeState& tree, std::string_view name, bool subtree, std::int
   {
     const auto topology = lock_announced(tree.topology);  // no newest parent changes
     list_subtree(tree, name, subtree, removed);
-    const FrameId top = tree.names.find(name);
     drop_frames(tree, removed, expires_ns);
-    tree.topology_index.cut(top);
-    for (const FrameId id : removed) tree.topology_index.forget(id);
   }
   tree.commit_count.add();
   tree.wait_list.notify_frames(removed);

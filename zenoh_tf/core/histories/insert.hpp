@@ -48,11 +48,17 @@ inline void store_latest(Frame& frame, Stamp stamp, FrameId parent, const Pose& 
   frame.latest.pose.store(pose);
 }
 
-// Leaves the frame without samples and without a parent.
-inline void clear_history(Frame& frame) noexcept {
+// Leaves the frame without samples. Its parent stays for now: who holds the topology mutex may read
+// it without the frame's lock. A sample must follow.
+inline void drop_samples(Frame& frame) noexcept {
   frame.is_static.store(false, std::memory_order_release);
   frame.samples_per_ns.store(0, std::memory_order_release);
   frame.count.store(0, std::memory_order_release);
+}
+
+// Leaves the frame without samples and without a parent.
+inline void clear_history(Frame& frame) noexcept {
+  drop_samples(frame);
   frame.parent.store(0, std::memory_order_release);
 }
 

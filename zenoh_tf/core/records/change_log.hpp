@@ -214,7 +214,6 @@ class LogTicket {
   LogTicket(const LogTicket&) = delete;
   LogTicket& operator=(const LogTicket&) = delete;
 
-  [[nodiscard]] bool has_log() const noexcept { return log_ != nullptr; }
   [[nodiscard]] bool wants_entry() const noexcept { return log_ && log_->is_active(); }
   // Returns the entry to fill, or null if nobody wants it. Throws bad_alloc.
   LogEntry* make_entry(std::size_t changes, std::size_t names, std::size_t name_bytes) {

@@ -26,8 +26,7 @@
 // Thread safety: one thread at a time replays. Lookups continue meanwhile, as in any tree. Requires
 // another mode than `giant`, whose lookups are not validated; the bindings refuse that one.
 // Invariant: nobody else writes the tree.
-// Links are not checked for cycles, since the original has done that, and the topology index is
-// not kept.
+// Links are not checked for cycles, since the original has done that.
 #pragma once
 
 #include <deque>
