@@ -26,7 +26,7 @@ class Introspection(Reads):
         may be listed or not.
         """
         found = self._tree.frames()
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         names, after = self._connection.call(info.frames_page(None), found)
         while after is not None:

@@ -48,7 +48,7 @@ class Reads:
     ) -> bool:
         """As `TransformTree.can_transform`; the server waits, up to 3600 s."""
         found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return self._connection.call(
             lookups.can_transform(target, source, stamp_ns, timeout_s), found
@@ -64,7 +64,7 @@ class Reads:
     ) -> TransformArray:
         """As `TransformTree.lookup_transforms`, in one request."""
         found = self._tree.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return self._connection.call(
             lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s), found
@@ -73,7 +73,7 @@ class Reads:
     def latest_common_time(self, a: str, b: str) -> int | None:
         """As `TransformTree.latest_common_time`."""
         found = self._tree.latest_common_time(a, b)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return self._connection.call(lookups.latest_common_time(a, b), found)
 
@@ -174,13 +174,13 @@ class Reads:
     def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
         """As `TransformTree.parent`."""
         found = self._tree.parent(frame, stamp_ns)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return self._connection.call(info.parent(frame, stamp_ns), found)
 
     def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
         """As `TransformTree.chain`."""
         found = self._tree.chain(target, source, stamp_ns)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return self._connection.call(info.chain(target, source, stamp_ns), found)

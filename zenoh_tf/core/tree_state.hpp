@@ -20,8 +20,10 @@
 // Lookups take none of the mutexes but the giant one; estimates also take the leaves of estimates/,
 // and lookups that wait the list's. A lookup that retries too often takes the frames' locks.
 // Readers of mode 2pl share the frames' locks in the order of their walk (modes/two_phase.hpp says
-// why that is no deadlock). States of a name. Each row is reached from the one before, and the last
-// one is as a new name:
+// why that is no deadlock).
+//
+// States of a name. Each row is reached from the one before, and the last one is as a new name:
+//
 //   state    find()  id           frame                       leaves the state
 //   live     the id  its own      as commits have written it  remove_frame(), reset()
 //   removed  0       its own yet  empty, its version counts   to live by a commit of the name; to
@@ -29,15 +31,16 @@
 //   freed    0       any name may has a new version, and no   to live by a commit of the name, with
 //                    get it       sample refers to it         another id
 // commits/remove.cpp removes names, commits/freed_names.cpp frees all removed ones at once, and
-// commits/names.hpp makes names live. Authorities are live or freed (free_authorities())
-// Invariants
+// commits/names.hpp makes names live. Authorities are live or freed (free_authorities()).
+//
+// Invariants:
+//
 // 1. Frames are never freed or moved: an id stays valid for the tree's life. It may pass from a
 //    freed name to a new one, which is_current() notices.
 // 2. The newest parents form a forest. A commit that changes one, or adds a name, holds the
 //    topology mutex and has checked that no cycle closes.
 // 3. A rejected commit leaves nothing behind, not even a name, but for two things: the marks of
-// late
-//    samples (FrameEvents), and ids that were freed to make room (see above).
+//    late samples (FrameEvents), and ids that were freed to make room (see above).
 // 4. The versions of a name only grow, also if it comes back under another id.
 #pragma once
 

@@ -118,7 +118,7 @@ class MirrorFeed:
         self._next_snapshot_s = 0.0
         self._has_warned = False
         self._alarm = Alarm(source.tree)
-        self._is_checking = False  # a thread asks who the server is
+        self._is_checking = False  # a routine asks who the server is
         self._sender = senders(source.tree, interest.id if interest else "")
         #: Grows with the messages that have come. Written by the listening thread alone.
         self.heard = 0

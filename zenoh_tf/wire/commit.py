@@ -73,7 +73,8 @@ def parse_write(message: Message) -> Write:
 
 @dataclass(slots=True)
 class Commit:
-    """One write transaction, with a row per transform: all rows are stored or none."""
+    """The rows of one write, at one instant. A query stores all of them or none, a put those that
+    are good."""
 
     rows: TransformRows
     authority: str = ""

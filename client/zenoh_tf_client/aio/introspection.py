@@ -24,7 +24,7 @@ class AsyncIntrospection(AsyncReads):
         may be listed or not.
         """
         found = self._tree.frames()
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         names, after = await self._connection.call(info.frames_page(None), found)
         while after is not None:

@@ -126,7 +126,7 @@ class AsyncLookups(AsyncReads):
             ``arm, cup = await tf.lookup_latest_transforms_xact([("map", "arm"), ("map", "cup")])``
         """
         found = self._tree.lookup_latest_transforms_xact(pairs)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return await self._connection.call(lookups.lookup_latest_transforms_xact(pairs), found)
 
@@ -169,6 +169,6 @@ class AsyncLookups(AsyncReads):
         options = SweepOptions(out, begin_ns, max_gap_s, missing, ok, strict)
         sweep = Sweep(points, stamps_ns, at_ns, options)
         found = deskew(self._tree, sweep, source, fixed_frame)
-        if type(found) is not AskServer:
+        if not isinstance(found, AskServer):
             return found
         return await self._connection.call(lookups.deskew(sweep, source, fixed_frame), found)

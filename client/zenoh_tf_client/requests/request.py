@@ -58,7 +58,7 @@ class Request(ABC, Generic[T]):
 
 @dataclass(slots=True)
 class Call(Request[T]):
-    """Any operation except a lookup."""
+    """Any operation except a `Read`."""
 
     request_type: str
     message: wire.Message

@@ -1,4 +1,4 @@
-// What commits write to the change log. Only trees that have a log come here.
+// What commits write to the change log, if the tree has one. Declared in apply.hpp.
 #include <utility>
 #include <vector>
 
