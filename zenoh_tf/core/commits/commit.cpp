@@ -10,7 +10,7 @@ namespace {
 
 // One attempt to commit. Returns `ready` if the commit is applied, else the scope that it needs.
 // Throws Rejected and bad_alloc. Unless it returns `ready` it has changed nothing that others can
-// see, and `stored` is unspecified.
+// see but what planning may (commits/plan.hpp), and `stored` is unspecified.
 PlanOutcome try_commit(TreeState& tree, CommitPlan& plan, CommitExecution& execution,
                        CommitScope scope) {
   LogTicket ticket(tree.change_log.get());

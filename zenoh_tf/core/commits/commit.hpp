@@ -1,4 +1,5 @@
-// The folder `commits/`: how a tree is written: all rows of a commit at one instant, or none.
+// The folder `commits/`: how a tree is written: all rows of a commit at one instant, or none, but
+// for those that the request allows to leave out.
 // In: a CommitRequest. Out: new versions of frames and an entry of the change log, or Rejected.
 // It may include base, records, histories, tree_state.hpp, modes.
 //
@@ -18,8 +19,8 @@
 namespace ztf {
 
 // Stores all rows, or throws Rejected or bad_alloc and stores none. Sets stored[i] to what it did
-// with row i (RowResult); only drop_old allows that a row is not stored. Requires stored.size()
-// >= request.rows.size().
+// with row i (RowResult): only drop_old and drop_bad allow that a row is not stored. Requires
+// stored.size() >= request.rows.size().
 void commit(TreeState& tree, const CommitRequest& request, std::span<std::uint8_t> stored);
 
 // Returns why a row of a request is refused: the same error, whether the row rejects its commit or

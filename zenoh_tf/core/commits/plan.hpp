@@ -7,8 +7,8 @@
 // Thread safety: lives on the writer's stack. Each step says which locks it requires.
 // Invariants
 // 1. After a retry all steps run again. Rows that an attempt has refused stay refused.
-// 2. Planning changes nothing that readers can see but the marks of late samples (FrameEvents),
-//    also for a commit that is then rejected.
+// 2. Planning changes nothing that readers can see, also for a commit that is then rejected, but
+//    the marks of late samples (FrameEvents), and removed names that it frees for their ids.
 #pragma once
 
 #include <span>

@@ -1,5 +1,5 @@
-// The one writer of histories, for commits and for replays, except single appends
-// (histories/insert.hpp): how samples of one frame are stored.
+// The one writer of histories, for commits and for replays, except appends of a single row
+// (insert() of histories/insert.hpp): how samples of one frame are stored.
 //
 // prepare_ring() makes the ring that the samples need, if any. Many late ones are merged with the
 // frame's own in one pass, while readers continue. A HistoryWriter then publishes the ring and
