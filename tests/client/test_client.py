@@ -123,6 +123,10 @@ def test_a_broadcaster_is_closed_while_another_thread_sends(
             assert all(sent.wait(10) for sent in events)
             broadcaster.close()
             assert all(sender.result(10) > 0 for sender in senders)
+    # The next test begins with an empty tree: what waits for its commit would come after that.
+    with client.broadcaster("sensor") as last:
+        getattr(last, method)(link("map", "last", 1))
+        assert client.can_transform("map", "last", timeout_s=10)
 
 
 def test_batch(client: TransformClient) -> None:
