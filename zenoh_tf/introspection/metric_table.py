@@ -207,11 +207,6 @@ FROM_ROBOTS: Final[dict[str, Metric]] = {
     ),
 }
 
-#: Fields of an authority's record that are no metrics.
-AUTHORITY_NOT_EXPORTED: Final[frozenset[str]] = frozenset(
-    {"name", "last_refusal", "refused_by_reason"}
-)
-
 #: Of `stats` "refused/" and the reason.
 REFUSED: Final = Metric(
     "put_transforms_refused_total",

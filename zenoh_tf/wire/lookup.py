@@ -61,6 +61,16 @@ Pose = tuple[float, float, float, float, float, float, float]
 #: (error, stamp, newest stamp, pose, gap). The error is None if the row has an answer. The newest
 #: stamp equals the stamp for rows without one.
 AnswerRow = tuple[TransformException | None, int, int, Pose, int]
+#: Names and columns of reads, as `Lookup` has them.
+LookupColumns = tuple[
+    list[str],
+    NDArray[np.uint8],
+    NDArray[np.uint32],
+    NDArray[np.uint32],
+    NDArray[np.int64],
+    NDArray[np.uint32] | None,
+    NDArray[np.int64] | None,
+]
 _BYTE: Final = tuple(bytes([op]) for op in range(OPS))
 _OP_OF: Final = {byte: op for op, byte in enumerate(_BYTE)}
 
@@ -85,6 +95,19 @@ class Lookup:
     @property
     def rows(self) -> int:
         return len(self.op)
+
+    @property
+    def columns(self) -> LookupColumns:
+        """The reads as a native tree takes them."""
+        return (
+            self.names,
+            self.op,
+            self.target,
+            self.source,
+            self.stamp,
+            self.fixed,
+            self.source_stamp,
+        )
 
 
 def one_read(target: str, source: str, op: int, stamp_ns: int) -> Message:

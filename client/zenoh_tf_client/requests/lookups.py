@@ -256,13 +256,7 @@ def read_versions(
     """Look up in a tree that has the versions of a server instance, as a part of a transaction."""
     lookup = request.lookup()
     rows = tree._read_rows(
-        lookup.names,
-        lookup.op,
-        lookup.target,
-        lookup.source,
-        lookup.stamp,
-        lookup.fixed,
-        lookup.source_stamp,
+        *lookup.columns,
         atomic=lookup.atomic,
         versions=True,
         max_gap_ns=lookup.max_gap_ns,

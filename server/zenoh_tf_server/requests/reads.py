@@ -55,13 +55,7 @@ class LookupRequests:
         self._limits.check_names(len(lookup.names))
         budget.take_reply(_ROW_BYTES * lookup.rows)
         rows = self._tree._read_rows(
-            lookup.names,
-            lookup.op,
-            lookup.target,
-            lookup.source,
-            lookup.stamp,
-            lookup.fixed,
-            lookup.source_stamp,
+            *lookup.columns,
             atomic=lookup.atomic,
             versions=lookup.versions,
             errors=lookup.errors,
