@@ -232,9 +232,11 @@ class ReplicaClient(FollowerClient):
     """Is at the server or at its replica. Half of its reads are parts of transactions.
 
     What it reads at a replica may be old, as in a mirror. At a replica it cannot write: then it
-    connects again, and what it has seen goes with it, as to its next process.
+    connects again, and what it has seen goes with it, as to its next process. Before that it reads
+    some times there, as a visit is rare.
     """
 
+    _READS_A_VISIT = 20
     _tf: TransformClient | None = None
 
     def _prepare(self, tf: TransformClient) -> None:
@@ -253,6 +255,8 @@ class ReplicaClient(FollowerClient):
         super()._write(**record)
 
     def _step(self, tf: TransformClient) -> str:
+        if _asked(tf) == "replica" and self._random.randrange(self._READS_A_VISIT):
+            return self._look(tf)
         outcome = self._transaction(tf) if self._random.random() < 0.5 else super()._step(tf)
         self._is_over = outcome == "failed: ReadOnlyReplica"
         return outcome
