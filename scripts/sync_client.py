@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 CLIENT = "client/zenoh_tf_client"
 #: What of `aio/` has a synchronous file of the same name.
-FILES = ("reads", "lookups", "writes", "introspection", "transaction", "batch")
+FILES = ("lookups", "writes", "introspection", "transaction", "batch")
 REPLACEMENTS = (
     (r"\basync (def|with|for)\b", r"\1"),
     (r"\bawait ", ""),

@@ -13,7 +13,6 @@ from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
 from .introspection import Introspection
-from .lookups import Lookups
 from .mirror.mirror import Mirror
 from .mirror.watch import Watch
 from .mirror.watching import Terms
@@ -30,7 +29,7 @@ T = TypeVar("T")
 
 
 @own_methods
-class TransformClient(Lookups, Introspection, Writes):
+class TransformClient(Introspection, Writes):
     """A connection to the server of one tree; made by `TransformClient.connect`.
 
     It has the methods of `zenoh_tf.TransformTree`, with the same arguments, results and errors,

@@ -4,17 +4,17 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, Explanation
+from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
-from .reads import Reads
+from .lookups import Lookups
 from .requests import info
 from .session.mapped_tree import MappedTree
 
 
-class Introspection(Reads):
+class Introspection(Lookups):
     """A base of `TransformClient`."""
 
     _mapped: MappedTree
@@ -33,6 +33,24 @@ class Introspection(Reads):
             page, after = self._connection.call(info.frames_page(after))
             names += page
         return names
+
+    def frame(self, name: str) -> FrameInfo:
+        """As `TransformTree.frame`."""
+        return self._look_up(self._tree.frame, info.frame, name)
+
+    def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
+        """As `TransformTree.parent`."""
+        found = self._tree.parent(frame, stamp_ns)
+        if not isinstance(found, AskServer):
+            return found
+        return self._connection.call(info.parent(frame, stamp_ns), found)
+
+    def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
+        """As `TransformTree.chain`."""
+        found = self._tree.chain(target, source, stamp_ns)
+        if not isinstance(found, AskServer):
+            return found
+        return self._connection.call(info.chain(target, source, stamp_ns), found)
 
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""

@@ -31,7 +31,7 @@ from zenoh_tf import (
 from zenoh_tf._net import handover
 from zenoh_tf.shared_tree import SharedTree
 from zenoh_tf_client import TransformClient
-from zenoh_tf_client.requests.lookups import NO_TREE
+from zenoh_tf_client.session.mapped_tree import NO_TREE
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 

@@ -20,7 +20,6 @@ from ..session.mapped_tree import Mode, check
 from ..session.public import own_methods
 from .batch import AsyncBatch
 from .introspection import AsyncIntrospection
-from .lookups import AsyncLookups
 from .session.connection import AsyncConnection
 from .session.threads import in_thread
 from .transaction import AsyncTransaction, repeat
@@ -30,7 +29,7 @@ T = TypeVar("T")
 
 
 @own_methods
-class AsyncTransformClient(AsyncLookups, AsyncIntrospection, AsyncWrites):
+class AsyncTransformClient(AsyncIntrospection, AsyncWrites):
     """A connection to the server of one tree, for asyncio; made by `AsyncTransformClient.connect`.
 
     It has the methods of `TransformClient` as coroutines, with the same arguments, results and

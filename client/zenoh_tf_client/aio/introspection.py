@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, Explanation
+from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
 from ..requests import info
 from ..session.mapped_tree import MappedTree
-from .reads import AsyncReads
+from .lookups import AsyncLookups
 
 
-class AsyncIntrospection(AsyncReads):
+class AsyncIntrospection(AsyncLookups):
     """A base of `AsyncTransformClient`."""
 
     _mapped: MappedTree
@@ -31,6 +31,24 @@ class AsyncIntrospection(AsyncReads):
             page, after = await self._connection.call(info.frames_page(after))
             names += page
         return names
+
+    async def frame(self, name: str) -> FrameInfo:
+        """As `TransformTree.frame`."""
+        return await self._look_up(self._tree.frame, info.frame, name)
+
+    async def parent(self, frame: str, stamp_ns: int | None = None) -> str | None:
+        """As `TransformTree.parent`."""
+        found = self._tree.parent(frame, stamp_ns)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(info.parent(frame, stamp_ns), found)
+
+    async def chain(self, target: str, source: str, stamp_ns: int | None = None) -> list[str]:
+        """As `TransformTree.chain`."""
+        found = self._tree.chain(target, source, stamp_ns)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(info.chain(target, source, stamp_ns), found)
 
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""

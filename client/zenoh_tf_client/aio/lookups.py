@@ -2,22 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zenoh_tf import LatestTransform, StampedTransform, TransformArray
+from zenoh_tf import (
+    Estimate,
+    EstimateArray,
+    LatestTransform,
+    StampedTransform,
+    TransformArray,
+    Velocity,
+)
 from zenoh_tf.points import Sweep, SweepOptions, deskew
-from zenoh_tf.shared_tree import AskServer
+from zenoh_tf.shared_tree import AskServer, SharedTree
 
-from ..requests import lookups
-from .reads import AsyncReads
+from ..requests import estimates, lookups
+from ..requests.request import Request
+from .session.connection import AsyncConnection
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
-class AsyncLookups(AsyncReads):
-    """A base of `AsyncTransformClient`."""
+class AsyncLookups:
+    """A base of `AsyncTransformClient`, which says how to read.
+
+    Each method reads the server's memory where it is mapped. Else, or if that has no answer, it
+    asks the server.
+    """
+
+    _connection: AsyncConnection
+    #: The server's memory. Lookups there take so little time that every step before them counts.
+    _tree: SharedTree
+
+    async def _look_up(
+        self,
+        look_up: Callable[..., T | AskServer],
+        make: Callable[P, Request[T]],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> T:
+        found = look_up(*args, **kwargs)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(make(*args, **kwargs), found)
 
     async def lookup_transform(
         self,
@@ -83,6 +114,17 @@ class AsyncLookups(AsyncReads):
         request = lookups.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
         return await self._connection.call(request, found)
 
+    async def can_transform(
+        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
+    ) -> bool:
+        """As `TransformTree.can_transform`; the server waits, up to 3600 s."""
+        found = self._tree.can_transform(target, source, stamp_ns, timeout_s)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(
+            lookups.can_transform(target, source, stamp_ns, timeout_s), found
+        )
+
     async def lookup_latest_transform(self, target: str, source: str) -> LatestTransform:
         """As `TransformTree.lookup_latest_transform`."""
         found = self._tree.lookup_latest_transform(target, source)
@@ -130,6 +172,29 @@ class AsyncLookups(AsyncReads):
             return found
         return await self._connection.call(lookups.lookup_latest_transforms_xact(pairs), found)
 
+    async def latest_common_time(self, a: str, b: str) -> int | None:
+        """As `TransformTree.latest_common_time`."""
+        found = self._tree.latest_common_time(a, b)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(lookups.latest_common_time(a, b), found)
+
+    async def lookup_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+        *,
+        max_gap_s: float | None = None,
+    ) -> TransformArray:
+        """As `TransformTree.lookup_transforms`, in one request."""
+        found = self._tree.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s)
+        if not isinstance(found, AskServer):
+            return found
+        return await self._connection.call(
+            lookups.lookup_transforms(targets, sources, stamps_ns, max_gap_s=max_gap_s), found
+        )
+
     async def sample(
         self, target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
     ) -> TransformArray:
@@ -172,3 +237,93 @@ class AsyncLookups(AsyncReads):
         if not isinstance(found, AskServer):
             return found
         return await self._connection.call(lookups.deskew(sweep, source, fixed_frame), found)
+
+    async def lookup_velocity(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        stamp_ns: int | None = None,
+        averaging_interval_s: float = 0.1,
+        *,
+        reference_frame: str | None = None,
+        reference_point: ArrayLike = (0.0, 0.0, 0.0),
+        reference_point_frame: str | None = None,
+        max_gap_s: float | None = None,
+    ) -> Velocity:
+        """As `TransformTree.lookup_velocity`."""
+        return await self._look_up(
+            self._tree.lookup_velocity,
+            lookups.lookup_velocity,
+            tracking_frame,
+            observation_frame,
+            stamp_ns,
+            averaging_interval_s,
+            reference_frame=reference_frame,
+            reference_point=reference_point,
+            reference_point_frame=reference_point_frame,
+            max_gap_s=max_gap_s,
+        )
+
+    async def estimate_transform(
+        self,
+        target: str,
+        source: str,
+        stamp_ns: int | None = None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        max_error_m: float | None = None,
+        max_error_rad: float | None = None,
+        min_level: float | None = None,
+        radius_m: float = 0.0,
+    ) -> Estimate:
+        """As `TransformTree.estimate_transform`; now is by the server's clock.
+
+        Raises:
+            ServiceException: As for every call; see the class.
+
+        Example:
+            ``found = await tf.estimate_transform("map", "base", max_error_m=0.02)``
+        """
+        return await self._look_up(
+            self._tree.estimate_transform,
+            estimates.estimate_transform,
+            target,
+            source,
+            stamp_ns,
+            level=level,
+            max_by_s=max_by_s,
+            max_error_m=max_error_m,
+            max_error_rad=max_error_rad,
+            min_level=min_level,
+            radius_m=radius_m,
+        )
+
+    async def estimate_transforms(
+        self,
+        targets: str | Sequence[str],
+        sources: str | Sequence[str],
+        stamps_ns: ArrayLike | None,
+        *,
+        level: float = 0.9,
+        max_by_s: float = 0.5,
+        radius_m: float = 0.0,
+    ) -> EstimateArray:
+        """As `TransformTree.estimate_transforms`, in one request; now is by the server's clock.
+
+        Raises:
+            ServiceException: As for every call; see the class.
+
+        Example:
+            ``found = await tf.estimate_transforms("map", arms, None)``
+        """
+        return await self._look_up(
+            self._tree.estimate_transforms,
+            estimates.estimate_transforms,
+            targets,
+            sources,
+            stamps_ns,
+            level=level,
+            max_by_s=max_by_s,
+            radius_m=radius_m,
+        )

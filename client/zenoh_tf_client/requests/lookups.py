@@ -1,13 +1,13 @@
 """The requests of lookups. Each function makes that of the client method of the same name.
 
-A lookup reads the server's memory first, where it is mapped, and is asked if that has no answer.
+A lookup that the server's memory has answered makes none (`session/mapped_tree.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,23 +42,6 @@ T = TypeVar("T")
 
 #: Errors of lookups that may succeed after a later write.
 MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, ExtrapolationException)
-
-
-def _absent(*_: object, _absent: AskServer = AskServer.ABSENT, **__: object) -> AskServer:
-    return _absent
-
-
-class _NoTree:
-    """Stands for the server's memory where it is not mapped."""
-
-    lease_left_s = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        setattr(self, name, _absent)  # the next call finds it at once
-        return _absent
-
-
-NO_TREE: Final = cast(SharedTree, _NoTree())
 
 
 def _raise(error: TransformException) -> Any:

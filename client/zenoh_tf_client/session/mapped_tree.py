@@ -17,7 +17,7 @@ import logging
 import os
 import threading
 import weakref
-from typing import Final, Literal, Protocol
+from typing import Any, Final, Literal, Protocol, cast
 
 from zenoh_tf import threads
 from zenoh_tf._net import handover
@@ -26,7 +26,6 @@ from zenoh_tf._zenoh.calls import is_forked
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf.shared_tree import AskServer, RegionRefused, SharedTree
 
-from ..requests.lookups import NO_TREE
 from .connection import Connection
 from .server_info import ServerInfo
 
@@ -75,6 +74,23 @@ COUNTERS: Final = {
 }
 
 log = logging.getLogger("zenoh_tf.client")
+
+
+def _absent(*_: object, _absent: AskServer = AskServer.ABSENT, **__: object) -> AskServer:
+    return _absent
+
+
+class _NoTree:
+    """Stands for the server's memory where it is not mapped."""
+
+    lease_left_s = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        setattr(self, name, _absent)  # the next call finds it at once
+        return _absent
+
+
+NO_TREE: Final = cast(SharedTree, _NoTree())
 
 
 class Reader(Protocol):

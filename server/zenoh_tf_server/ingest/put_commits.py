@@ -81,7 +81,7 @@ class PutCommits:
         stored_puts = stored_rows = old_rows = flagged_rows = bad_puts = 0
         measured = ""
         for put, commit in zip(puts, decoded, strict=True):
-            if isinstance(commit, _Refused):
+            if isinstance(commit, RefusedPut):
                 self.refuse_put(put, commit.transforms, commit.error)
                 continue
             outcome = next(outcomes)
@@ -166,7 +166,7 @@ class PutCommits:
 
     # --- committing
 
-    def _decode(self, puts: list[Put]) -> list[wire.Commit | _Refused]:
+    def _decode(self, puts: list[Put]) -> list[wire.Commit | RefusedPut]:
         """The transaction of each put, or why there is none."""
         messages: list[bytes | None] = []  # those of this project's protocol
         for put in puts:
@@ -175,7 +175,7 @@ class PutCommits:
             is_message = type(put.payload) is bytes and put.decode is None
             messages.append(put.payload if is_message else None)
         limits, max_future_ns = self._limits, self._max_future_ns
-        decoded: list[wire.Commit | _Refused] = []
+        decoded: list[wire.Commit | RefusedPut] = []
         rows = decode_puts(messages, limits.rows, limits.decoded_bytes)
         for put, plain in zip(puts, rows, strict=True):
             commit = wire.Commit(plain) if plain is not None else self._commit_of(put)
@@ -189,7 +189,7 @@ class PutCommits:
             decoded.append(commit)
         return decoded
 
-    def _commit_of(self, put: Put) -> wire.Commit | _Refused:
+    def _commit_of(self, put: Put) -> wire.Commit | RefusedPut:
         """The transaction of a put that is no plain message, or why there is none."""
         transforms = 1  # a message that cannot be parsed counts as one transform
         try:
@@ -204,7 +204,7 @@ class PutCommits:
             self._limits.check("rows", transforms)
             self._limits.check_names(commit.rows.name_count)
         except Exception as error:
-            return _Refused(error, transforms)
+            return RefusedPut(error, transforms)
         return commit
 
     def _count_rows(
@@ -242,7 +242,7 @@ class PutCommits:
 
 
 @dataclass(slots=True)
-class _Refused:
+class RefusedPut:
     """Why a put has no transaction, and how many transforms it counts as."""
 
     error: Exception
