@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import struct
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -343,6 +345,48 @@ def test_rows_of_other_types(tmp_path: Path, column: str, value: str) -> None:
             pass
         (warning,) = recording.warnings()
         assert "damaged at row 10 of the table messages" in warning
+
+
+#: Of one link, in some ten pages.
+LONG_LOG = [(10.0 + i / 10, "/tf", [("odom", "base", 20.0 + i, 2.0 * i)]) for i in range(300)]
+
+
+@pytest.mark.parametrize("message", [None, 0, 150])
+def test_a_damaged_page_of_a_database(tmp_path: Path, message: int | None) -> None:
+    """A page of the index of the times (None) costs no message, and one of messages only its own:
+    a page has about twenty."""
+    path = next(write(tmp_path / "log", LONG_LOG, kind="db3").glob("*.db3"))
+    data = bytearray(path.read_bytes())
+    page_bytes = int.from_bytes(data[16:18], "big")
+    if message is None:
+        with closing(sqlite3.connect(path)) as database:
+            roots = "SELECT rootpage FROM sqlite_master WHERE type = 'index' AND name LIKE '%time%'"
+            ((root,),) = database.execute(roots)
+        page = root - 1
+    else:
+        page = data.index(struct.pack("<d", 2.0 * message or 1.0)) // page_bytes
+    data[page * page_bytes : (page + 1) * page_bytes] = b"\xff" * page_bytes
+    path.write_bytes(data)
+    with open_recording(path) as recording:
+        found = [int(stamp) // S for each in recording.messages() for stamp in each.rows.stamp]
+        (warning,) = recording.warnings()
+    assert len(set(found)) == len(found)
+    assert len(found) >= (300 if message is None else 250)
+    assert {20, 319} <= set(found) if message != 0 else 319 in found
+    assert "damaged at" in warning and "such places" not in warning
+
+
+def test_a_bag_whose_index_names_another_topic(tmp_path: Path) -> None:
+    """The index of a chunk has lost a topic: its number is damaged, and the rest of it is not."""
+    path = write(tmp_path / "log.bag", LOG, kind="bag")
+    data = bytearray(path.read_bytes())
+    at = data.rindex(b"conn=\x01\0\0\0\n\0\0\0count=")
+    data[at + len("conn=")] = 77
+    path.write_bytes(data)
+    check(path)
+    with open_recording(path) as recording:
+        (warning,) = recording.warnings()
+        assert "damaged at its end: the index cannot be read" in warning
 
 
 def test_no_message_is_left_after_damage(tmp_path: Path) -> None:

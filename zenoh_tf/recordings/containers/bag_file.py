@@ -6,7 +6,7 @@ Indexed bags are read chunk by chunk by their index. Those without one, as after
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -61,6 +61,12 @@ class BagFile(ChunkedFile):
     # --- by the index
 
     def _use_index(self, reader: Any) -> None:
+        counts: Counter[int] = Counter()
+        for chunk in reader.chunk_infos:
+            counts.update(chunk.connection_counts)
+        if counts != {each.id: each.msgcount for each in reader.connections if each.msgcount}:
+            self._fault = "it does not list as many messages as the chunks have"
+            return
         for connection in reader.connections:
             self._add(connection.id, connection.topic, connection.msgtype)
         self.is_empty = not any(connection.msgcount for connection in reader.connections)

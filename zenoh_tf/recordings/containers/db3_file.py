@@ -1,7 +1,7 @@
 """Reads db3 files of rosbag2, which are SQLite databases, with Python's own library.
 
 Their messages have no checksum. A row whose columns have other types is left out, and what can be
-read before and behind a damaged page is read.
+read before and behind a damaged page is read, also if the index of the times is damaged.
 """
 
 from __future__ import annotations
@@ -9,12 +9,16 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 from ..errors import reason
 from .container import Choose, Container, Damage, RawMessage
 
+#: Number, topic, time, data. Of a damaged file, the last two have any type.
+_Row = tuple[int, int, Any, Any]
+_MAX_ROWID: Final = 2**63 - 1
 _ROWS: Final = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE topic_id IN ({})"
 
 
@@ -57,26 +61,54 @@ class Db3File(Container):
 
     def messages(self) -> Iterator[RawMessage]:
         self.damage = Damage()
-        last = 0
-        rows = _ROWS.format(self._places())
-        # The first needs the index of the times, which may be damaged while the rows are not.
-        for query in (f"{rows} ORDER BY timestamp", f"{rows} AND rowid > ? ORDER BY rowid"):
-            cursor = self._database.execute(query, [*self._channels, last][: query.count("?")])
-            while True:
-                try:
-                    row = cursor.fetchone()
-                except sqlite3.Error as error:
+        for number, topic, log_ns, data in self._rows():
+            if type(log_ns) is int and type(data) is bytes:
+                yield RawMessage(log_ns, self._channels[topic], data)
+            else:
+                kinds = f"{type(log_ns).__name__} and {type(data).__name__}"
+                why = f"time and data of a message are {kinds}, not int and bytes"
+                self.damage.note(f"row {number:,} of the table messages", why)
+
+    def _rows(self) -> Iterator[_Row]:
+        """The rows by their times. That needs the index of the times; what it hides if it is
+        damaged follows by number."""
+        by_time = f"{_ROWS.format(self._places())} ORDER BY timestamp"
+        count = 0
+        try:
+            for row in self._database.execute(by_time, [*self._channels]):
+                count += 1
+                yield row
+        except sqlite3.Error as error:
+            why = reason(error)
+        else:
+            return
+        # Asked for again, as a file that is not damaged then needs no memory for their numbers.
+        again = self._database.execute(by_time, [*self._channels]) if count else ()
+        given = {row[0] for row in islice(again, count)}
+        yield from (row for row in self._rows_by_number() if row[0] not in given)
+        if not self.damage.count:
+            self.damage.note("the index of the times", why)
+
+    def _rows_by_number(self) -> Iterator[_Row]:
+        """The rows by their numbers, also behind damaged pages."""
+        by_number = f"{_ROWS.format(self._places())} AND rowid > ? ORDER BY rowid"
+        last = step = 0
+        while last + step < _MAX_ROWID:
+            try:
+                for row in self._database.execute(by_number, [*self._channels, last + step]):
+                    last, step = row[0], 0
+                    yield row
+            except sqlite3.OperationalError as error:  # such as a lock: waiting has not helped
+                self.damage.note(f"the row after {last:,}", reason(error))
+                return
+            except sqlite3.DatabaseError as error:
+                if step == 0:
                     self.damage.note(f"the row after {last:,}", reason(error))
-                    break
-                if row is None:
-                    return
-                last, topic, log_ns, data = row
-                if type(log_ns) is int and type(data) is bytes:
-                    yield RawMessage(log_ns, self._channels[topic], data)
-                else:
-                    kinds = f"{type(log_ns).__name__} and {type(data).__name__}"
-                    why = f"time and data of a message are {kinds}, not int and bytes"
-                    self.damage.note(f"row {last:,} of the table messages", why)
+                # SQLite does not say how many rows a page has. Longer steps would skip good rows
+                # behind it, and single ones take long where a page that leads to many is damaged.
+                step += 1 + step // 8
+            else:
+                return
 
     def close(self) -> None:
         self._database.close()
