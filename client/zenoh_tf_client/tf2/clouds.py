@@ -38,10 +38,12 @@ def do_transform_cloud(cloud: Any, transform: Any) -> Any:
     data = np.array(np.frombuffer(_buffer(cloud.data), np.uint8))  # the copy
     coordinates = _coordinates(cloud, data)
     shape = (cloud.height, cloud.width, 3)
-    points = np.empty(shape, np.float64)
+    # One row: many rows without a point would take long.
+    row = np.empty((cloud.height * cloud.width, 3), np.float64)
+    points = row.reshape(shape)
     for axis, values in enumerate(coordinates):
         points[..., axis] = values
-    points = transform_of(transform).apply(points)
+    points = transform_of(transform).apply(row).reshape(shape)
     with np.errstate(over="ignore"):  # beyond 32 bits is infinite, as in tf2
         for axis, values in enumerate(coordinates):
             values[...] = points[..., axis]
