@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 from ..errors import missing_library, reason
 from .container import Channel, Choose, ChunkedFile, RawMessage
@@ -83,24 +83,40 @@ class BagFile(ChunkedFile):
 
     def _indexed(self) -> Iterator[tuple[int, list[RawMessage]]]:
         for at, entries in self._index.items():
-            found: list[RawMessage] = []
+            found: dict[int, RawMessage] = {}
             with self._noting(at):
                 self._file.seek(at)
                 header = self._records.Header.read(self._file, self._records.RecordType.CHUNK)
                 data = BytesIO(self._chunk(header))
-                for _, offset in entries:
-                    data.seek(offset)
-                    before = len(found)
-                    while len(found) == before:  # connections may stand before it
-                        self._read_record(data, found)
-            yield entries[0][0], found
+                try:
+                    self._read_listed(data, [offset for _, offset in entries], found)
+                except Exception:  # libraries raise any on damage
+                    data.seek(0)  # what the index hides may be whole
+                    self._read_all(data, found)
+                    raise
+            yield entries[0][0], _in_file_order(found)
+
+    def _read_listed(self, data: BytesIO, offsets: list[int], found: dict[int, RawMessage]) -> None:
+        """Read the messages at those places of a chunk, also behind damaged ones; then raise."""
+        fault: Exception | None = None
+        for offset in offsets:
+            data.seek(offset)
+            try:
+                while not self._read_record(data, found):  # connections may stand before it
+                    pass
+            except Exception as error:  # libraries raise any on damage
+                fault = fault or error
+        if fault is None and len(found) != len(offsets):
+            fault = ValueError("the index lists other messages than it has")
+        if fault is not None:
+            raise fault
 
     # --- from the beginning
 
     def _scanned(self) -> Iterator[tuple[int, list[RawMessage]]]:
         at = self._begin
         while at < self._size:
-            found: list[RawMessage] = []
+            found: dict[int, RawMessage] = {}
             end = self._size
             with self._noting(at):
                 self._file.seek(at)
@@ -114,11 +130,10 @@ class BagFile(ChunkedFile):
                 self.is_cut_off = self.is_cut_off or end > self._size
                 if opcode == self._records.RecordType.CHUNK:
                     self._file.seek(body)
-                    data = BytesIO(self._chunk(header, is_whole=end <= self._size))
-                    while data.tell() < len(data.getbuffer()):
-                        self._read_record(data, found)
+                    self._read_all(BytesIO(self._chunk(header, is_whole=end <= self._size)), found)
             if found:
-                yield min(message.log_ns for message in found), found
+                messages = _in_file_order(found)
+                yield min(message.log_ns for message in messages), messages
             at = end
 
     # --- both
@@ -144,21 +159,35 @@ class BagFile(ChunkedFile):
             return decompress(compression, data, header.get_uint32("size"))
         return decompress_begin(compression, data, MAX_CHUNK_BYTES)
 
-    def _read_record(self, data: BinaryIO, found: list[RawMessage]) -> None:
-        """Read a record of a chunk; append its message if it is one that is read."""
-        records = self._records
+    def _read_all(self, data: BytesIO, found: dict[int, RawMessage]) -> None:
+        """Read the records of a chunk from its beginning."""
+        while data.tell() < len(data.getbuffer()):
+            self._read_record(data, found)
+
+    def _read_record(self, data: BytesIO, found: dict[int, RawMessage]) -> bool:
+        """Read a record of a chunk; add its message, by its place, if it is one that is read.
+        Returns False for a connection."""
+        records, at = self._records, data.tell()
         header = records.Header.read(data)
         opcode, number = header.get_uint8("op"), header.get_uint32("conn")
         if opcode == records.RecordType.CONNECTION:
             more = records.Header.read(data)  # its data is laid out as a header
             self._add(number, header.get_string("topic"), more.get_string("type"))
-            return
+            return False
         content = records.read_bytes(data, records.read_uint32(data))
         if opcode != records.RecordType.MSGDATA:
             raise ValueError(f"a chunk has a record of type {opcode}")
-        if of := self._channels.get(number):
-            found.append(RawMessage(header.get_time("time"), of, content))
+        if number not in self._channels:
+            raise ValueError(f"a message is of topic {number}, which the bag does not have")
+        if of := self._channels[number]:
+            found[at] = RawMessage(header.get_time("time"), of, content)
+        return True
 
     def _add(self, number: int, topic: str, message_type: str) -> None:
         if number not in self._channels:
             self._channels[number] = self._choose(topic, message_type, "ros1")
+
+
+def _in_file_order(found: dict[int, RawMessage]) -> list[RawMessage]:
+    """The messages of a chunk, which are found by their places."""
+    return [found[at] for at in sorted(found)]

@@ -19,6 +19,7 @@ from .container import Choose, Container, Damage, RawMessage
 #: Number, topic, time, data. Of a damaged file, the last two have any type.
 _Row = tuple[int, int, Any, Any]
 _MAX_ROWID: Final = 2**63 - 1
+_ALL: Final = -1  # of SQLite's LIMIT
 _ROWS: Final = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE topic_id IN ({})"
 
 
@@ -91,24 +92,32 @@ class Db3File(Container):
 
     def _rows_by_number(self) -> Iterator[_Row]:
         """The rows by their numbers, also behind damaged pages."""
-        by_number = f"{_ROWS.format(self._places())} AND rowid > ? ORDER BY rowid"
+        by_number = f"{_ROWS.format(self._places())} AND rowid > ? ORDER BY rowid LIMIT ?"
         last = step = 0
+        most = _ALL
+        is_noted = False  # the damage behind the last row
         while last + step < _MAX_ROWID:
             try:
-                for row in self._database.execute(by_number, [*self._channels, last + step]):
+                for row in self._database.execute(by_number, [*self._channels, last + step, most]):
                     last, step = row[0], 0
+                    is_noted = is_noted and most == 1
                     yield row
-            except sqlite3.OperationalError as error:  # such as a lock: waiting has not helped
-                self.damage.note(f"the row after {last:,}", reason(error))
-                return
             except sqlite3.DatabaseError as error:
-                if step == 0:
+                if not is_noted:
                     self.damage.note(f"the row after {last:,}", reason(error))
+                is_noted = True
+                if isinstance(error, sqlite3.OperationalError):  # such as a lock
+                    return
                 # SQLite does not say how many rows a page has. Longer steps would skip good rows
                 # behind it, and single ones take long where a page that leads to many is damaged.
-                step += 1 + step // 8
+                if most == 1:
+                    step += 1 + step // 8
+                # Python fetches one row ahead, and loses the one before the damage.
+                most = 1
             else:
-                return
+                if most == _ALL:
+                    return
+                most = _ALL
 
     def close(self) -> None:
         self._database.close()
