@@ -33,6 +33,7 @@ from tests.recordings.files import TF, write
 from zenoh_tf import TransformTree
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings import RecordingError, open_recording
+from zenoh_tf.recordings.load import load
 from zenoh_tf.ros2.cdr import encode_tf_message
 
 S = 10**9
@@ -303,6 +304,18 @@ def test_few_transforms_in_large_chunks(tmp_path: Path, compression: Compression
     assert last_ns == 10**18 + 39 * 4_000_000
     found = tree.lookup_transform("map", "base", last_ns)
     assert found.transform.translation[0] == pytest.approx(0.039)
+
+
+def test_progress_among_images(tmp_path: Path) -> None:
+    """10 GB with 10 MB of transforms are read for seconds: a bar must move more than twice."""
+    log = [(10.0 + i / 100, "/tf", [("odom", "base", 20.0 + i, 1.0)]) for i in range(10_000)]
+    path = write(tmp_path / "log", log)
+    done: list[int] = []
+    with open_recording(path) as recording:
+        load(recording, TransformTree(), done.append)
+    assert len(done) >= 4
+    assert done[0] <= 3000
+    assert done[-1] == len(log)
 
 
 def test_a_large_chunk_that_differs_from_its_index(tmp_path: Path) -> None:
