@@ -20,6 +20,8 @@ from .container import Choose, Container, Damage, RawMessage
 _Row = tuple[int, int, Any, Any]
 _MAX_ROWID: Final = 2**63 - 1
 _ALL: Final = -1  # of SQLite's LIMIT
+#: To get past damaged pages: an end to a file that leads in circles.
+_MOST_ATTEMPTS: Final = 2000
 _ROWS: Final = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE topic_id IN ({})"
 
 
@@ -93,16 +95,20 @@ class Db3File(Container):
     def _rows_by_number(self) -> Iterator[_Row]:
         """The rows by their numbers, also behind damaged pages."""
         by_number = f"{_ROWS.format(self._places())} AND rowid > ? ORDER BY rowid LIMIT ?"
-        last = step = 0
+        # Not 0: a search for a number may be led astray in a damaged first page.
+        last, step = -_MAX_ROWID, 0
         most = _ALL
         is_noted = False  # the damage behind the last row
-        while last + step < _MAX_ROWID:
+        for _ in range(_MOST_ATTEMPTS):
+            above = last + step
             try:
-                for row in self._database.execute(by_number, [*self._channels, last + step, most]):
-                    last, step = row[0], 0
+                for row in self._database.execute(by_number, [*self._channels, above, most]):
+                    # A damaged page may have any numbers: they never lead back.
+                    last, step = max(last, row[0], above + 1 if most == 1 else last), 0
                     is_noted = is_noted and most == 1
                     yield row
             except sqlite3.DatabaseError as error:
+                last = max(last, 0)
                 if not is_noted:
                     self.damage.note(f"the row after {last:,}", reason(error))
                 is_noted = True
@@ -112,6 +118,8 @@ class Db3File(Container):
                 # behind it, and single ones take long where a page that leads to many is damaged.
                 if most == 1:
                     step += 1 + step // 8
+                if last + step > _MAX_ROWID:
+                    return
                 # Python fetches one row ahead, and loses the one before the damage.
                 most = 1
             else:
