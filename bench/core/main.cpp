@@ -39,11 +39,13 @@ double resident_bytes() {
 class Bench {
  public:
   // Settings: those of the systems, of which "tf2" is one; links, see make_names(); samples and
-  // period_ns, each link's history.
+  // period_ns, each link's history; offset_ns, by which each link's stamps are later than those of
+  // the link before; grasp, whether a frame beside the links changes its parent.
   explicit Bench(const Settings& settings)
       : names_(make_names(settings.count("links"))),
         samples_(settings.count("samples")),
-        period_(static_cast<Stamp>(settings.number("period_ns"))) {
+        period_(static_cast<Stamp>(settings.number("period_ns"))),
+        offset_(static_cast<Stamp>(settings.number("offset_ns"))) {
     const double before = resident_bytes();
     if (settings.at("system") != "tf2") instance_.system = make_tree_system(names_, settings);
 #ifdef BENCH_WITH_TF2
@@ -52,6 +54,7 @@ class Bench {
     Metrics metrics;  // none without the system
     if (instance_.system) {
       fill(settings.count("child_to_parent") != 0);
+      if (settings.count("grasp") != 0) instance_.system->grasp(end());
       metrics["bytes_per_frame"] = (resident_bytes() - before) / size();
     }
     print(metrics);
@@ -82,12 +85,14 @@ class Bench {
     System& system = *instance_.system;
     for (FrameIndex i = 1; i < size(); ++i) {
       const FrameIndex link = child_to_parent ? size() - i : i;
-      if (!system.write(link, 1, kStart)) throw std::runtime_error("not stored");
+      if (!system.write(link, 1, kStart + link * offset_)) throw std::runtime_error("not stored");
     }
     system.resolve_ids();
+    const unsigned together = offset_ == 0 ? 256 : 1;
     for (unsigned sample = 1; sample < samples_; ++sample)
-      for (FrameIndex link = 1; link < size(); link += 256)
-        system.write(link, std::min(256u, size() - link), kStart + sample * period_);
+      for (FrameIndex link = 1; link < size(); link += together)
+        system.write(link, std::min(together, size() - link),
+                     kStart + sample * period_ + link * offset_);
     std::fill(std::begin(instance_.next_stamp), std::end(instance_.next_stamp), end());
   }
 
@@ -124,7 +129,7 @@ class Bench {
 
   const Names names_;
   const unsigned samples_;
-  const Stamp period_;
+  const Stamp period_, offset_;
   Instance instance_;
 };
 

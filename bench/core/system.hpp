@@ -30,23 +30,31 @@ inline Names make_names(FrameIndex links) {
   for (FrameIndex i = 0; i <= links; ++i) names.push_back("link" + std::to_string(i));
   return names;
 }
+// A frame beside them, which changes its parent in some cases.
+constexpr const char* kGrasped = "grasped";
 
 // A link's transform at a time: every link turns and moves back and forth, none is the identity.
-inline const ztf::Pose& pose_at(FrameIndex link, Stamp stamp) {
-  static const auto table = [] {
-    std::array<std::array<ztf::Pose, 64>, 16> result;
+class Motion {
+ public:
+  // Each link turns by so many radians in a millisecond.
+  explicit Motion(double rad_per_ms) {
     for (int i = 0; i < 16; ++i)
       for (int k = 0; k < 64; ++k) {
-        const double half = 0.15 + 0.05 * i + 0.001 * k, sine = std::sin(half) / 7;
+        const double half = 0.15 + 0.05 * i + rad_per_ms / 2 * k, sine = std::sin(half) / 7;
         const double axis[] = {2 * sine, 3 * sine, 6 * sine, 2 * sine, 3 * sine};
         const double *a = axis + i % 3, x = 0.5 + 0.25 * i, y = 0.001 * k - 1;
-        result[i][k] = {x, y, 0.125 * i, a[0], a[1], a[2], std::cos(half)};
+        table_[i][k] = {x, y, 0.125 * i, a[0], a[1], a[2], std::cos(half)};
       }
-    return result;
-  }();
-  const auto step = static_cast<unsigned>(stamp >> 20) % 128;  // about a millisecond each
-  return table[link % 16][step < 64 ? step : 127 - step];
-}
+  }
+
+  const ztf::Pose& operator()(FrameIndex link, Stamp stamp) const {
+    const auto step = static_cast<unsigned>(stamp >> 20) % 128;  // about a millisecond each
+    return table_[link % 16][step < 64 ? step : 127 - step];
+  }
+
+ private:
+  std::array<std::array<ztf::Pose, 64>, 16> table_;
+};
 
 class Random {  // xorshift64
  public:
@@ -115,11 +123,15 @@ class System {
   // Sets `links` links in a row from `first` on, by names; in one transaction where the system has
   // transactions. Returns how many it stored.
   virtual unsigned write(FrameIndex first, unsigned links, Stamp stamp) = 0;
+
+  // Makes kGrasped a child of the root, and at a later stamp of the last frame.
+  virtual void grasp(Stamp stamp) = 0;
 };
 
 // Settings: cache_s, how far history reaches back; max_samples of a link, which tf2 does not limit;
-// child_to_parent, the order in which links are written; and for the tree `system`, its concurrency
-// control: "optimistic", "2pl" or "giant". The names must outlive the system.
+// child_to_parent, the order in which links are written; rad_per_ms, see Motion; and for the tree
+// `system`, its concurrency control: "optimistic", "2pl" or "giant". The names must outlive the
+// system.
 std::unique_ptr<System> make_tree_system(const Names& names, const Settings& settings);
 std::unique_ptr<System> make_tf2_system(const Names& names, const Settings& settings);
 

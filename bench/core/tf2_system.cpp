@@ -17,6 +17,7 @@ class Tf2System final : public System {
   Tf2System(const Names& names, const Settings& settings)
       : names_(names),
         child_to_parent_(settings.count("child_to_parent") != 0),
+        pose_at_(settings.number("rad_per_ms")),
         buffer_(ros::Duration(settings.number("cache_s"))) {
     // Silences the warning that two writers have set a link at the same nanosecond.
     console_bridge::setLogLevel(console_bridge::CONSOLE_BRIDGE_LOG_NONE);
@@ -45,24 +46,34 @@ class Tf2System final : public System {
   }
 
   unsigned write(FrameIndex first, unsigned links, Stamp stamp) override {
-    static thread_local geometry_msgs::TransformStamped m;  // its strings keep their memory
     unsigned stored = 0;
     for (unsigned i = 0; i < links; ++i) {
       const FrameIndex link = first + (child_to_parent_ ? links - 1 - i : i);
-      const auto& [x, y, z, qx, qy, qz, qw] = pose_at(link, stamp);
-      m.header.frame_id = names_[link - 1];
-      m.child_frame_id = names_[link];
-      m.header.stamp = to_time(stamp);
-      auto& t = m.transform.translation;
-      auto& q = m.transform.rotation;
-      std::tie(t.x, t.y, t.z) = std::tie(x, y, z);
-      std::tie(q.x, q.y, q.z, q.w) = std::tie(qx, qy, qz, qw);
-      stored += buffer_.setTransform(m, authority_);
+      stored += set(names_[link - 1], names_[link], stamp, pose_at_(link, stamp));
     }
     return stored;
   }
 
+  void grasp(Stamp stamp) override {
+    set(names_.front(), kGrasped, stamp, pose_at_(0, stamp));
+    set(names_.back(), kGrasped, stamp + 1, pose_at_(0, stamp));
+  }
+
  private:
+  bool set(const std::string& parent, const std::string& child, Stamp stamp,
+           const ztf::Pose& pose) {
+    static thread_local geometry_msgs::TransformStamped m;  // its strings keep their memory
+    const auto& [x, y, z, qx, qy, qz, qw] = pose;
+    m.header.frame_id = parent;
+    m.child_frame_id = child;
+    m.header.stamp = to_time(stamp);
+    auto& t = m.transform.translation;
+    auto& q = m.transform.rotation;
+    std::tie(t.x, t.y, t.z) = std::tie(x, y, z);
+    std::tie(q.x, q.y, q.z, q.w) = std::tie(qx, qy, qz, qw);
+    return buffer_.setTransform(m, authority_);
+  }
+
   static ros::Time to_time(Stamp stamp) {
     return ros::Time().fromNSec(static_cast<std::uint64_t>(stamp));
   }
@@ -70,6 +81,7 @@ class Tf2System final : public System {
   const std::string authority_ = "bench";
   const Names& names_;
   const bool child_to_parent_;
+  const Motion pose_at_;
   tf2::BufferCore buffer_;
 };
 

@@ -14,8 +14,11 @@ constexpr ztf::Op kOps[] = {ztf::Op::latest_common, ztf::Op::latest_common, ztf:
 
 class TreeSystem final : public System {
  public:
-  TreeSystem(const Names& names, bool child_to_parent, const ztf::Options& options)
-      : child_to_parent_(child_to_parent), tree_(options), names_(names.begin(), names.end()) {}
+  TreeSystem(const Names& names, const Settings& settings, const ztf::Options& options)
+      : child_to_parent_(settings.count("child_to_parent") != 0),
+        pose_at_(settings.number("rad_per_ms")),
+        tree_(options),
+        names_(names.begin(), names.end()) {}
 
   bool has_transactions() const override { return true; }
 
@@ -46,14 +49,24 @@ class TreeSystem final : public System {
     rows.resize(links);
     stored.resize(links);
     for (unsigned i = 0; i < links; ++i)
-      rows[child_to_parent_ ? links - 1 - i : i] = {i, i + 1, stamp, pose_at(first + i, stamp)};
+      rows[child_to_parent_ ? links - 1 - i : i] = {i, i + 1, stamp, pose_at_(first + i, stamp)};
     const auto names = std::span(names_).subspan(first - 1, links + 1);
     tree_.commit({.names = names, .rows = rows, .authority = "bench", .drop_old = true}, stored);
     return std::accumulate(stored.begin(), stored.end(), 0u);
   }
 
+  void grasp(Stamp stamp) override {
+    const std::string_view names[] = {names_.front(), names_.back(), kGrasped};
+    for (const std::uint32_t parent : {0u, 1u}) {
+      const ztf::Row row{parent, 2, stamp + parent, pose_at_(0, stamp)};
+      std::uint8_t stored = 0;
+      tree_.commit({.names = names, .rows = {&row, 1}, .authority = "bench"}, {&stored, 1});
+    }
+  }
+
  private:
   const bool child_to_parent_;
+  const Motion pose_at_;
   ztf::Tree tree_;
   const std::vector<std::string_view> names_;
   std::vector<ztf::FrameId> ids_;
@@ -65,13 +78,13 @@ std::unique_ptr<System> make_tree_system(const Names& names, const Settings& set
   const std::string& concurrency = settings.at("system");
   ztf::Options options;
   options.cache_ns = static_cast<std::uint64_t>(settings.number("cache_s") * 1e9);
-  options.max_frames = static_cast<unsigned>(names.size());
+  options.max_frames = static_cast<unsigned>(names.size() + 1);
   options.max_samples_per_frame = settings.count("max_samples");
   options.max_depth = 0;  // no limit
   options.concurrency = concurrency == "giant" ? ztf::Concurrency::giant
                         : concurrency == "2pl" ? ztf::Concurrency::two_phase
                                                : ztf::Concurrency::optimistic;
-  return std::make_unique<TreeSystem>(names, settings.count("child_to_parent") != 0, options);
+  return std::make_unique<TreeSystem>(names, settings, options);
 }
 
 }  // namespace bench

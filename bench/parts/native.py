@@ -41,8 +41,14 @@ class Program:
     """bench_core with a row of links, a process for each system that is installed."""
 
     def __init__(self, report: Report, links: int, *systems: str, **settings: float) -> None:
-        defaults = {"samples": 1, "period_ns": 1000, "cache_s": 3600, "max_samples": 65536}
-        words = _words({"links": links, "child_to_parent": 0, **defaults, **settings})
+        defaults: dict[str, float] = {
+            "samples": 1,
+            "period_ns": 1000,
+            "cache_s": 3600,
+            "max_samples": 65536,
+        }
+        defaults |= {"child_to_parent": 0, "offset_ns": 0, "rad_per_ms": 0.002, "grasp": 0}
+        words = _words({"links": links, **defaults, **settings})
         self._processes = {
             system: Process(build(report.quick), f"system={system}", *words, wait=False)
             for system in systems or ("optimistic", "2pl", "giant", "tf2")
@@ -90,26 +96,61 @@ def _words(settings: Labels) -> list[str]:
     return [f"{name}={value}" for name, value in settings.items()]
 
 
-def lookups(report: Report) -> None:
-    """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
-    with Program(report, 4, samples=1000, period_ns=10_000_000, cache_s=10) as program:
-        for name, read, limits in (  # how many times tf2's rate 1 and 2 threads must reach
+#: Histories at 100 Hz, and what is looked up in each: the name, the kind of lookup, and how many
+#: times tf2's rate 1 and 2 threads must reach. A robot's links have stamps of their own, and some
+#: turn by 5 degrees between two samples.
+LOOKUPS: Mapping[str, tuple[Mapping[str, float], Sequence[tuple[str, str, tuple[int, ...]]]]] = {
+    "equal stamps": (
+        {},
+        (
             ("latest common, ids", COMMON, (10, 35)),
             ("latest common, names", "latest-common-by-name", (4,)),
             ("at a time, ids", "at", (10,)),
             ("set, full history", COMMON, ()),  # last, because it changes the history
-        ):
-            program.check(read, length=4, vary=0)
-            for threads in (1, 2):
-                readers = 0 if name.startswith("set") else threads
-                run: dict[str, float] = {"readers": readers, "writers": threads - readers}
-                run |= {"length": 4, "own_links": 1, "seconds": report.seconds(0.05)}
-                cells = program.cells({"case": name, "threads": threads}, [read], run)
-                found = {each.labels["system"]: each for each in report.measure(cells, 15)}
-                if "tf2" in found and threads <= len(limits):
-                    title = f"{name}, {threads} threads: to tf2's"
-                    values = found["optimistic"].over(found["tf2"], "operations_per_s")
-                    report.target(title, values, ">=", limits[threads - 1])
+        ),
+    ),
+    "unequal stamps": (
+        {"offset_ns": 2_300_000},
+        (
+            ("latest common, unequal stamps", COMMON, (12,)),
+            ("at a time, unequal stamps", "at", (12,)),
+        ),
+    ),
+    "fast links": (
+        {"offset_ns": 2_300_000, "rad_per_ms": 0.01},
+        (("latest common, fast links", COMMON, (12,)), ("at a time, fast links", "at", (12,))),
+    ),
+    "after a grasp": (
+        {"offset_ns": 2_300_000, "grasp": 1},
+        (
+            ("latest common, after a grasp", COMMON, (12,)),
+            ("at a time, after a grasp", "at", (12,)),
+        ),
+    ),
+}
+
+
+def lookups(report: Report) -> None:
+    """Lookups at depth 4 and single sets, with 10 s of history at 100 Hz."""
+    history = {"samples": 1000, "period_ns": 10_000_000, "cache_s": 10}
+    for settings, cases in LOOKUPS.values():
+        with Program(report, 4, **history, **settings) as program:
+            for name, read, limits in cases:
+                _lookups(report, program, name, read, limits)
+
+
+def _lookups(report: Report, program: Program, name: str, read: str, limits: Sequence[int]) -> None:
+    program.check(read, length=4, vary=0)
+    for threads in (1, 2):
+        readers = 0 if name.startswith("set") else threads
+        run: dict[str, float] = {"readers": readers, "writers": threads - readers}
+        run |= {"length": 4, "own_links": 1, "seconds": report.seconds(0.05)}
+        cells = program.cells({"case": name, "threads": threads}, [read], run)
+        found = {each.labels["system"]: each for each in report.measure(cells, 15)}
+        if "tf2" in found and threads <= len(limits):
+            title = f"{name}, {threads} threads: to tf2's"
+            values = found["optimistic"].over(found["tf2"], "operations_per_s")
+            report.target(title, values, ">=", limits[threads - 1])
 
 
 #: The report's lookup with each concurrency control over the same records; tf2's lookup with both.
