@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 #include "base/compiler.hpp"
 
@@ -92,15 +93,61 @@ ZTF_ALWAYS_INLINE T sine_ratio(T a, T h2) noexcept {
   return (a + h2 * first) + (h2 * h2) * (second + h2 * third);
 }
 
-// Sets slerp's weights of two quaternions without trigonometry. versine is 1 - cosine of the half
-// angle between the rotations and must be below kMaxVersine.
-constexpr double kMaxVersine = 0.001;
+// Returns c[0] + c[1] x + c[2] x^2 + ..., as two sums that do not wait for each other.
+template <class T, std::size_t N>
+ZTF_ALWAYS_INLINE T polynomial(const double (&c)[N], T x) noexcept {
+  static_assert(N % 2 == 0);
+  const T x2 = x * x;
+  T even = T{} + c[N - 2], odd = T{} + c[N - 1];
+  for (std::size_t i = N - 2; i > 0; i -= 2) {
+    even = even * x2 + c[i - 2];
+    odd = odd * x2 + c[i - 1];
+  }
+  return even + odd * x;
+}
+
+// Returns sin(x) / x of x2 = x * x, for |x| <= pi/2, with an error below 1e-15.
 template <class T>
-ZTF_ALWAYS_INLINE void slerp_weights(T versine, T ratio, T& wa, T& wb) noexcept {
+ZTF_ALWAYS_INLINE T sine_to_angle(T x2) noexcept {
+  constexpr double kSeries[] = {1.0,
+                                -1.0 / 6,
+                                1.0 / 120,
+                                -1.0 / 5040,
+                                1.0 / 362880,
+                                -1.0 / 39916800,
+                                1.0 / 6227020800,
+                                -1.0 / 1307674368000,
+                                1.0 / 355687428096000,
+                                -1.0 / 121645100408832000};
+  return polynomial(kSeries, x2);
+}
+
+// The two functions set slerp's weights of two quaternions without trigonometry. `versine` is 1 -
+// cosine of the half angle h between the rotations. It must be below kSmallVersine, rotations that
+// are less than 5 degrees apart, or below kMaxVersine, less than 40 degrees.
+constexpr double kSmallVersine = 0.001, kMaxVersine = 0.06;
+template <class T>
+ZTF_ALWAYS_INLINE void slerp_small_weights(T versine, T ratio, T& wa, T& wb) noexcept {
   // The square of the half angle: 2 v + v^2/3 + 4 v^3/45 + ...
   const T h2 = (versine + versine) + (versine * versine) * (1.0 / 3 + versine * (4.0 / 45));
   wa = sine_ratio(1.0 - ratio, h2);
   wb = sine_ratio(ratio, h2);
+}
+template <class T>
+ZTF_ALWAYS_INLINE void slerp_weights(T versine, T ratio, T& wa, T& wb) noexcept {
+  // h^2 / v = 2 sum 2^n v^(n-1) / (n^2 C(2n, n)), h / sin(h) = sum 2^n v^n n!^2 / (2n+1)!: the
+  // series of the arc sine, of sin(h / 2) = sqrt(v / 2).
+  constexpr double kSquare[] = {
+      2.0,        1.0 / 3,      4.0 / 45,   1.0 / 35,       16.0 / 1575,
+      8.0 / 2079, 32.0 / 21021, 4.0 / 6435, 256.0 / 984555, 128.0 / 1154725};
+  constexpr double kAngleToSine[] = {
+      1.0,       1.0 / 3,     2.0 / 15,    2.0 / 35,       8.0 / 315,
+      8.0 / 693, 16.0 / 3003, 16.0 / 6435, 128.0 / 109395, 128.0 / 230945};
+  const T h2 = versine * polynomial(kSquare, versine);
+  const T angle_to_sine = polynomial(kAngleToSine, versine);
+  const T a = 1.0 - ratio;
+  wa = a * angle_to_sine * sine_to_angle(a * a * h2);
+  wb = ratio * angle_to_sine * sine_to_angle(ratio * ratio * h2);
 }
 
 }  // namespace detail
@@ -113,7 +160,9 @@ inline Pose interpolate(const Pose& a, const Pose& b, double ratio) noexcept {
   const double cosine = std::min(std::abs(dot), 1.0);
   const double versine = 1.0 - cosine;
   double wa, wb;
-  if (versine < detail::kMaxVersine) [[likely]] {
+  if (versine < detail::kSmallVersine) [[likely]] {
+    detail::slerp_small_weights(versine, ratio, wa, wb);
+  } else if (versine < detail::kMaxVersine) {
     detail::slerp_weights(versine, ratio, wa, wb);
   } else {
     const double half = std::acos(cosine);

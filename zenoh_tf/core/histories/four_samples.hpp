@@ -65,10 +65,13 @@ ZTF_ALWAYS_INLINE Pose4 interpolate(const SampleInterval& a, const SampleInterva
   constexpr long long kSign = std::numeric_limits<long long>::min();
   const Int4 sign = reinterpret_cast<Int4>(dot) & kSign;  // q and -q are the same rotation
   const Double4 versine = 1.0 - flip_sign(dot, sign);
-  if (!(largest(versine) < detail::kMaxVersine)) [[unlikely]]
-    return interpolate_each({&a, &b, &c, &d}, ratio);
   Double4 wa, wb;
-  detail::slerp_weights(versine, ratio, wa, wb);
+  if (const double most = largest(versine); most < detail::kSmallVersine) [[likely]]
+    detail::slerp_small_weights(versine, ratio, wa, wb);
+  else if (most < detail::kMaxVersine)
+    detail::slerp_weights(versine, ratio, wa, wb);
+  else
+    return interpolate_each({&a, &b, &c, &d}, ratio);
   wb = flip_sign(wb, sign);
   const Double4 x = older[0], dx = newer[0] - x;
   const Double4 y = older[1], dy = newer[1] - y;

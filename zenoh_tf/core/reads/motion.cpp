@@ -3,24 +3,6 @@
 
 namespace ztf {
 
-namespace {
-
-// Returns sin(x) for |x| <= pi/2, by its series, with an error below 1e-15.
-ZTF_ALWAYS_INLINE Double4 sine(Double4 x) noexcept {
-  const Double4 s = x * x;
-  constexpr double k19 = -1.0 / 121645100408832000.0, k17 = 1.0 / 355687428096000.0;
-  constexpr double k15 = -1.0 / 1307674368000.0, k13 = 1.0 / 6227020800.0;
-  constexpr double k11 = -1.0 / 39916800.0, k9 = 1.0 / 362880.0;
-  constexpr double k7 = -1.0 / 5040.0, k5 = 1.0 / 120.0, k3 = -1.0 / 6.0;
-  const Double4 s4 = (s * s) * (s * s);
-  // Two halves, which do not wait for each other.
-  const Double4 low = ((k9 * s + k7) * s + k5) * s + k3;
-  const Double4 high = (((k19 * s + k17) * s + k15) * s + k13) * s + k11;
-  return x + x * (s * (low + s4 * high));
-}
-
-}  // namespace
-
 Motion::Interval Motion::interval_between(Stamp from, const Pose& older, Stamp to,
                                           const Pose& newer) noexcept {
   const double dot =
@@ -125,7 +107,9 @@ ZTF_ALWAYS_INLINE Pose4 Motion::interpolate_four(Factor& factor, const Stamp* ti
         get([](const Interval& i) { return i.per_ns; });
     const Double4 angle = get([](const Interval& i) { return i.half_angle; });
     const Double4 scale = get([](const Interval& i) { return i.scale; });
-    const Double4 wa = sine((1.0 - ratio) * angle) * scale, wb = sine(ratio * angle) * scale;
+    const Double4 a = (1.0 - ratio) * angle, b = ratio * angle;
+    const Double4 wa = a * detail::sine_to_angle(a * a) * scale;
+    const Double4 wb = b * detail::sine_to_angle(b * b) * scale;
     const auto old = [&](double Pose::* c) {
       return get([c](const Interval& i) { return i.older.*c; });
     };
