@@ -19,6 +19,8 @@ from .container import Choose, Container, Damage, RawMessage
 #: Number, topic, time, data. Of a damaged file, the last two have any type.
 _Row = tuple[int, int, Any, Any]
 _MAX_ROWID: Final = 2**63 - 1
+#: What reading a damaged page raises.
+_DAMAGE: Final = (sqlite3.DatabaseError, MemoryError)
 _ALL: Final = -1  # of SQLite's LIMIT
 #: To get past damaged pages: an end to a file that leads in circles.
 _MOST_ATTEMPTS: Final = 2000
@@ -56,9 +58,9 @@ class Db3File(Container):
             if all(isinstance(text, bytes) for text in texts)
             and (found := choose(*(text.decode(errors="replace") for text in texts)))
         }
-        with suppress(sqlite3.Error):  # damaged: reading shows it
+        with suppress(*_DAMAGE):  # damaged: reading shows it
             self.is_empty = self._first("SELECT 1 FROM messages LIMIT 1") is None
-        with suppress(sqlite3.Error):
+        with suppress(*_DAMAGE):
             count = f"SELECT count(*) FROM messages WHERE topic_id IN ({self._places()})"
             self.message_count = self._first(count, *self._channels)
 
@@ -81,7 +83,7 @@ class Db3File(Container):
             for row in self._database.execute(by_time, [*self._channels]):
                 count += 1
                 yield row
-        except sqlite3.Error as error:
+        except _DAMAGE as error:
             why = reason(error)
         else:
             return
@@ -107,7 +109,7 @@ class Db3File(Container):
                     last, step = max(last, row[0], above + 1 if most == 1 else last), 0
                     is_noted = is_noted and most == 1
                     yield row
-            except sqlite3.DatabaseError as error:
+            except _DAMAGE as error:
                 last = max(last, 0)
                 if not is_noted:
                     self.damage.note(f"the row after {last:,}", reason(error))
