@@ -11,7 +11,7 @@ import urllib.request
 import pytest
 
 from tests.conftest import StartServer
-from tests.processes.ports import free_port
+from tests.processes.ports import free_endpoint, free_port
 from tests.processes.replicas import DEADLINE_S, seen, step, wait_for_writes
 from tests.processes.servers import ServerProcess
 from tests.support.threads import beside
@@ -40,6 +40,23 @@ def test_reads_go_on_without_the_primary(
             tf.set_transforms_xact(step(1))
             wait_for_writes(tf, near)
         assert seen(near) == 1
+
+
+def test_replicas_that_name_each_other_return_to_the_primary(
+    primary: ServerProcess, start_server: StartServer, start_replica: StartServer
+) -> None:
+    """Without the primary each goes to the other, whose link stays."""
+    second = free_endpoint()
+    first = start_replica(primary, flags=("--replica-of", second))
+    start_replica(primary, flags=("--replica-of", first.endpoint), endpoint=second)
+    with first.connect(10) as near, TransformClient.connect(second) as far:
+        primary.kill()
+        wait_until(lambda: near.stats()["replica_age_s"] > 5, "it does not age")
+        start_server(endpoint=primary.endpoint)
+        with primary.connect(10) as tf:
+            tf.set_transforms_xact(step(1))
+        for each in (near, far):
+            wait_until(lambda each=each: "map" in each.frames(), "it is still stale")  # type: ignore[misc]
 
 
 def lose_the_primary(

@@ -10,10 +10,13 @@ import asyncio
 import functools
 from contextlib import ExitStack
 from dataclasses import replace
+from typing import Final
 
 import zenoh
 
 from zenoh_tf._net import keys, zenoh_config
+from zenoh_tf._zenoh.link_sockets import LinkSockets
+from zenoh_tf.threads import Periodic
 
 from ..process import network
 from ..process.upstream import Upstream
@@ -24,6 +27,10 @@ from ..transport.clients import Clients
 from ..transport.running_server import RunningServer
 from .copies import SharedCopies
 from .service import ReplicaService
+
+#: As old is what a replica serves that follows another one whose primary is gone, and as long it
+#: stays there before it tries all endpoints again.
+_STALE_S: Final = 10.0
 
 
 class ReplicaServer(RunningServer):
@@ -55,6 +62,8 @@ class ReplicaServer(RunningServer):
             )
             stack.callback(service.close)
             service.wait_for_copy()
+            if len(settings.replica_of) > 1:
+                _follow_the_primary(service, upstream, stack)
             key = functools.partial(keys.request, tree)
             super().__init__(session, service, clients, key, settings.workers, stack)
             self.serve(service.authorities)
@@ -62,6 +71,22 @@ class ReplicaServer(RunningServer):
             stack.callback(token.close)
             token.serve()
             self._stack = stack.pop_all()
+
+
+def _follow_the_primary(service: ReplicaService, upstream: zenoh.Session, stack: ExitStack) -> None:
+    """End links on which nothing new comes, until `stack` closes: Zenoh then connects to the first
+    endpoint that opens. Else replicas that name each other would follow one another for good."""
+    sockets = LinkSockets(upstream)
+    stack.callback(sockets.close)
+
+    def check() -> None:
+        if service.age_s > _STALE_S:
+            for peer in sockets.peers():
+                sockets.cut(peer)
+
+    checks = Periodic("stale upstream", check, _STALE_S)
+    stack.callback(checks.close)
+    checks.start()
 
 
 class _ServerToken:
