@@ -24,7 +24,7 @@ MAY_INCLUDE: dict[str, tuple[str, ...]] = {
     "reads": ("base", "geometry", "records", "histories"),
     "estimates": ("base", "geometry", "reads"),
     "waiting": ("base", "records", "reads"),
-    "tree_state.hpp": ("base", "records", "names", "reads", "estimates", "waiting"),
+    "tree_state.hpp": ("base", "records", "names", "reads", "waiting"),
     "tree_state.cpp": ("base", "tree_state.hpp"),
     "modes": ("base", "tree_state.hpp"),
     "shared": ("base", "records", "reads", "estimates", "tree_state.hpp"),
@@ -32,7 +32,7 @@ MAY_INCLUDE: dict[str, tuple[str, ...]] = {
     "commits": ("base", "records", "histories", "tree_state.hpp", "modes"),
     "messages": ("geometry", "reads", "commits"),
     "replication": ("base", "records", "histories", "tree_state.hpp", "commits"),
-    "tree.hpp": ("tree_state.hpp", "lookups", "commits"),
+    "tree.hpp": ("estimates", "tree_state.hpp", "lookups", "commits"),
     "tree.cpp": ("tree.hpp",),
     "by_name": ("base", "names", "reads", "shared", "tree.hpp"),
 }

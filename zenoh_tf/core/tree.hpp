@@ -14,6 +14,8 @@
 #include <vector>
 
 #include "commits/commit.hpp"
+#include "estimates/cache.hpp"
+#include "estimates/limits.hpp"
 #include "lookups/late.hpp"
 #include "lookups/lookup.hpp"
 #include "lookups/park.hpp"
@@ -81,13 +83,14 @@ class Tree : private TreeState {
     ztf::lookup_velocity(*this, query, answer);
   }
   void estimate(const EstimateQuery& query, EstimateAnswer& answer) const {
-    ztf::estimate(*this, query, answer);
+    ztf::estimate(*this, estimate_cache_, motion_limits_, query, answer);
   }
+  [[nodiscard]] const EstimateCache& estimate_cache() const noexcept { return estimate_cache_; }
   void set_motion_limits(std::string_view child, const MotionLimits& limits) {
-    motion_limits.set(child, limits);
+    motion_limits_.set(child, limits);
   }
   // Returns a copy of all.
-  [[nodiscard]] auto all_motion_limits() const { return motion_limits.all(); }
+  [[nodiscard]] auto all_motion_limits() const { return motion_limits_.all(); }
   MotionResult lookup_motion(const MotionQuery& query, Motion& motion, Answer& answer) const {
     return ztf::lookup_motion(*this, query, motion, answer);
   }
@@ -185,6 +188,10 @@ class Tree : private TreeState {
 
  private:
   [[nodiscard]] TreeTotals sum_totals() const noexcept;
+
+  // Beside the state: nothing but estimates knows of them.
+  mutable EstimateCache estimate_cache_;
+  MotionLimitTable motion_limits_;
 };
 
 }  // namespace ztf

@@ -52,8 +52,6 @@
 
 #include "base/options.hpp"
 #include "base/zeroed_array.hpp"
-#include "estimates/cache.hpp"
-#include "estimates/limits.hpp"
 #include "names/table.hpp"
 #include "reads/frame_reads.hpp"
 #include "records/change_log.hpp"
@@ -141,8 +139,6 @@ struct TreeState {
   const std::unique_ptr<ChangeLog> change_log;  // null if the tree has none
   std::atomic<Seq> replayed{0};
   mutable WaitList wait_list;
-  mutable EstimateCache estimate_cache;
-  MotionLimitTable motion_limits;
 };
 
 }  // namespace ztf

@@ -71,5 +71,5 @@ TEST(the_cache_is_bounded) {
     w.tree.estimate({w.id("map"), w.id(nth("f", i)), 2'000'000'000, kNoStamp, 0.9, kStep, 0}, a);
     CHECK_NEAR(a.metres, 0, 1e-6);
   }
-  CHECK_EQ(w.tree.state().estimate_cache.size(), EstimateCache::kMostEntries);
+  CHECK_EQ(w.tree.estimate_cache().size(), EstimateCache::kMostEntries);
 }

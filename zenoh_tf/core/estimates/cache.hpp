@@ -33,7 +33,7 @@ class EstimateCache {
   // Keeps a backtest, and drops those that were not used for longest if there are too many.
   void insert(const Key& key, Stamp grid, std::uint64_t edits, Entry entry);
 
-  [[nodiscard]] std::size_t size() {
+  [[nodiscard]] std::size_t size() const {
     const std::lock_guard lock(mutex_);
     return entries_.size();
   }
@@ -51,7 +51,7 @@ class EstimateCache {
   // Returns the entry of a key, or null. Requires the mutex.
   Kept* search(std::uint64_t hash, const Key& key) noexcept;
 
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::unordered_multimap<std::uint64_t, Kept> entries_;  // by the key's hash
   std::size_t bytes_ = 0;
   std::uint64_t uses_ = 0;

@@ -3,6 +3,7 @@
 #include "base/long_wait.hpp"
 #include "estimates/cache.hpp"
 #include "estimates/conclude.hpp"
+#include "estimates/limits.hpp"
 #include "lookups/transaction.hpp"
 #include "shared/transaction.hpp"
 
@@ -69,17 +70,18 @@ void estimate_by(const EstimateQuery& q, EstimateAnswer& a, EstimateCache& cache
 
 }  // namespace
 
-void estimate(const TreeState& tree, const EstimateQuery& query, EstimateAnswer& answer) {
+void estimate(const TreeState& tree, EstimateCache& cache, const MotionLimitTable& limits,
+              const EstimateQuery& query, EstimateAnswer& answer) {
   ReadSet reads;
   estimate_by(
-      query, answer, tree.estimate_cache, [&](auto&& body) { read(tree, reads, body); },
+      query, answer, cache, [&](auto&& body) { read(tree, reads, body); },
       [&](const PathNow& path) {
-        std::uint64_t edits = tree.motion_limits.version();
+        std::uint64_t edits = limits.version();
         for (const LinkNow& link : path.links)
           edits += tree.edits[link.child].load(std::memory_order_acquire);
         return edits;
       },
-      [&](PathNow& path) { return limits_of(tree, tree.motion_limits, path); });
+      [&](PathNow& path) { return limits_of(tree, limits, path); });
 }
 
 void SharedTree::estimate(const EstimateQuery& query, EstimateAnswer& answer) const {

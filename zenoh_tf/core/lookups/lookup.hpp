@@ -16,7 +16,9 @@
 
 namespace ztf {
 
+class EstimateCache;
 class Motion;
+class MotionLimitTable;
 
 void lookup(const TreeState& tree, const Query& query, Answer& answer);
 // Each query as a transaction of its own, or together with its neighbours. Queries of one pair of
@@ -30,9 +32,10 @@ void lookup_transaction(const TreeState& tree, std::span<const Query> queries,
                         std::size_t max_reads = kNoReadLimit);
 void lookup_velocity(const TreeState& tree, const VelocityQuery& query, VelocityAnswer& answer);
 // A pose at a time that may be beyond the newest samples, with bounds of its errors. Costs a few
-// lookups, or some hundred microseconds if the backtests of the question have to be made. Throws
-// bad_alloc.
-void estimate(const TreeState& tree, const EstimateQuery& query, EstimateAnswer& answer);
+// lookups, or some hundred microseconds if the backtests of the question have to be made; `cache`
+// keeps those of this tree. Throws bad_alloc.
+void estimate(const TreeState& tree, EstimateCache& cache, const MotionLimitTable& limits,
+              const EstimateQuery& query, EstimateAnswer& answer);
 // Copies the motion of one frame in another. If the lookup at one of the query's times fails,
 // `answer` has the failure, and the rest is unspecified. Throws bad_alloc.
 MotionResult lookup_motion(const TreeState& tree, const MotionQuery& query, Motion& motion,
