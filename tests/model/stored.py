@@ -44,7 +44,8 @@ class Stored:
         self.links: dict[str, Link] = {}  # by child; lists in it are replaced, never changed
         self.counts: dict[str, Counter[str]] = {}  # by child: counts of what its rows did
         self.events: Counter[str] = Counter()  # which events have occurred, and how often
-        self.late: dict[str, int] = {}  # by child: the late stamp that no good row came after
+        #: By child: the late stamp that no good row came after, and how many commits led to it.
+        self.late: dict[str, tuple[int, int]] = {}
         self.ever_reparented = False
 
     # Writes
@@ -126,7 +127,8 @@ class Stored:
         """Return the frames that are cleared, and record the late rows of the others.
 
         A frame's rows are late if all are older than its newest by more than the cache time. It
-        restarts if it had late rows before, a little older, and no others in between.
+        restarts if it had late rows before, a little older, and no others in between. A repeat of
+        the last late stamp changes nothing.
         """
         restarted = []
         for child in sorted({row.child for row in rows}, key=self.place_of):
@@ -136,12 +138,16 @@ class Stored:
                 continue
             limit_ns = link.samples[-1].stamp_ns - self.cache_ns
             if newest_ns < limit_ns:
-                late_ns = self.late.get(child)
-                is_second = late_ns is not None and late_ns < newest_ns <= late_ns + self.cache_ns
-                if is_second and self.time_jump == "clear":
+                oldest_ns = min(row.stamp_ns for row in rows if row.child == child)
+                late_ns, commits = self.late.get(child, (newest_ns, 1))
+                if late_ns < newest_ns and oldest_ns <= late_ns + self.cache_ns:
+                    commits += 1
+                elif late_ns != newest_ns:
+                    commits = 1
+                self.late[child] = newest_ns, commits  # stays if the commit is refused
+                if commits > 1 and self.time_jump == "clear":
                     restarted.append(child)
                     continue
-                self.late[child] = newest_ns
             if not drop_old and any(r.child == child and r.stamp_ns < limit_ns for r in rows):
                 break  # the transaction is refused here
         return restarted
