@@ -76,7 +76,7 @@ class Mirror:
                     "until": until,
                 }
                 piece = self.client.ask("snapshot", body)
-                self._add(piece)
+                self._add(msgpack.unpackb(piece["frames"]))
                 reached, reach = piece["reached"], max(reach, piece["last"])
         self.loads += 1
         self.follow(reach)
@@ -135,17 +135,18 @@ class Mirror:
         if message["last"] <= self.last or message["first"] > self.last + 1:
             return  # known already, or there is a gap still: the next message shows it again
         self.last = message["last"]
-        if "kind" not in message:
+        if "changes" not in message:
             return
-        names, authorities = message["names"], message["authorities"]
+        changes = msgpack.unpackb(message["changes"])
+        names, authorities = changes["names"], changes["authorities"]
         samples = zip(
-            values("I", message["parent"]), values("I", message["authority"]),
-            values("q", message["stamp"]), poses(message["pose"]), strict=True,
+            values("I", changes["parent"]), values("I", changes["authority"]),
+            values("q", changes["stamp"]), poses(changes["pose"]), strict=True,
         )  # fmt: skip
-        lost = iter(values("I", message.get("lost", b"")))
+        lost = iter(values("I", changes["lost"]))
         # All changes of a commit give a frame one version: compare with that before the message.
         before = {name: self.frames[name].version for name in names if name in self.frames}
-        columns = message["kind"], values("I", message["frame"]), values("Q", message["version"])
+        columns = changes["kind"], values("I", changes["frame"]), values("Q", changes["version"])
         for kind, index, version in zip(*columns, strict=True):
             row: Any = next(samples) if kind <= STATIC else next(lost) if kind == ORPHANED else None
             if version > before.get(names[index], 0):

@@ -17,6 +17,10 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
 OUTSIDE = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "bench/README.md"]
+#: In an annotation: what `_core_stubs.reads.Reads` returns instead of an answer, never of a tree.
+NO_ANSWER = re.compile(
+    r""" <span class="o">\|</span> <span class="n">N</span>| \| <span title="[\w.]*\.N">N</span>"""
+)
 LINK = re.compile(r"\[(?P<text>[^\[\]]*)\]\((?P<path>[^)#\s:]+)(?P<anchor>#[^)]*)?\)")
 
 
@@ -66,8 +70,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
-    """Refuses pages that would load something from the network."""
+    """Refuses pages that would load something from the network, and names no `NO_ANSWER`."""
     for tag in re.findall(r"<(?:script|link|img|iframe)\b[^>]*", output):
         if re.search(r"""(?:src|href)=["']?(?:https?:)?//""", tag) and "canonical" not in tag:
             raise PluginError(f"{page.file.src_uri} loads from the network: {tag}>")
-    return output
+    return NO_ANSWER.sub("", output)

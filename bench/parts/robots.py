@@ -144,13 +144,13 @@ class RobotServer:
         query.reply(query.key_expr, wire.pack(body))
 
 
-def _changes(stamp_ns: int, seq: int) -> wire.Changes:
+def _changes(stamp_ns: int, seq: int) -> bytes:
     """A sample of each frame that is served."""
     rows = len(SERVED)
     child = np.arange(1, rows + 1, dtype=np.uint32)
     version = np.full(rows, 2 * seq, np.uint64)
     pose = np.tile([1.0, 0, 0, 0, 0, 0, 1], (rows, 1))
-    return wire.Changes(
+    return wire.pack(
         {
             "names": ["map", *SERVED],
             "authorities": ["wheels"],
@@ -161,6 +161,7 @@ def _changes(stamp_ns: int, seq: int) -> wire.Changes:
             "authority": bytes(4 * rows),
             "stamp": np.full(rows, stamp_ns, np.int64).tobytes(),
             "pose": pose.tobytes(),
+            "lost": b"",
         }
     )
 

@@ -27,7 +27,7 @@ from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.recordings.writer import RecordingWriter
-from zenoh_tf.wire.stream import CLEARED, REMOVED
+from zenoh_tf.wire.samples import CLEARED, REMOVED
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
@@ -87,7 +87,7 @@ class Recorder:
         self._instance = ""
         self._seq = 0  # of the last commit that is recorded
         self._plan: tuple[str, int] | None = None  # instance and number of an unfinished snapshot
-        self._snapshot: list[wire.Frames] = []  # its pieces
+        self._snapshot: list[bytes] = []  # its pieces
         self._thread = threads.start("recorder", self._write)
         self._feed = MirrorFeed(MirrorSource(client.connection), self._on_copy, observer=self)
 
@@ -124,7 +124,7 @@ class Recorder:
         """A new snapshot begins; one that was not complete is given up."""
         self._plan, self._snapshot = (instance, seq), []
 
-    def load(self, frames: wire.Frames) -> None:
+    def load(self, frames: bytes) -> None:
         """Keep frames until the snapshot is complete: static links are recorded first."""
         self._snapshot.append(frames)
 
@@ -133,8 +133,9 @@ class Recorder:
         self._end_snapshot()
         self._seq = max(self._seq, message.last)
         assert message.changes is not None
-        self.counters.removals += int(np.isin(message.changes.kind, (CLEARED, REMOVED)).sum())
-        samples = wire.samples_of_changes(message.changes)
+        changes = wire.Changes(message.changes)
+        self.counters.removals += int(np.isin(changes.kind, (CLEARED, REMOVED)).sum())
+        samples = wire.samples_of_changes(changes)
         chosen = np.flatnonzero(samples.has_parent)
         rows, static = samples.rows(chosen), samples.static[chosen]
         log_ns = time.time_ns()
@@ -240,12 +241,12 @@ class Recorder:
         self.counters.static += count if item.static else 0
 
 
-def _rows_of(pieces: list[wire.Frames]) -> tuple[TransformRows, TransformRows]:
+def _rows_of(pieces: list[bytes]) -> tuple[TransformRows, TransformRows]:
     """The static links of a snapshot, and all other samples by their stamps."""
     static: list[TransformRows] = []
     dynamic: list[TransformRows] = []
     for piece in pieces:
-        samples = wire.samples_of_frames(piece)
+        samples = wire.samples_of_frames(wire.Frames(piece))
         for parts, chosen in ((static, samples.static), (dynamic, ~samples.static)):
             parts.append(samples.rows(np.flatnonzero(samples.has_parent & chosen)))
     histories = TransformRows.join(dynamic)

@@ -41,7 +41,7 @@ class TreeObserver:
         self.observation = Observation()
         self._timeout_s = timeout_s
         self._has_copy = False
-        self._queue: deque[wire.Frames | wire.StreamMessage] = deque()
+        self._queue: deque[bytes | wire.StreamMessage] = deque()
         source = MirrorSource(client.connection)
         self._feed = MirrorFeed(source, self._on_copy, observer=self, keeps_tree=False)
         try:
@@ -97,7 +97,7 @@ class TreeObserver:
         if not self._has_copy:
             self._queue.clear()
 
-    def load(self, frames: wire.Frames) -> None:
+    def load(self, frames: bytes) -> None:
         """Queue frames of the first snapshot."""
         if not self._has_copy:
             self._queue.append(frames)
@@ -113,8 +113,8 @@ class TreeObserver:
 
     # --- what `update` does
 
-    def _load(self, frames: wire.Frames) -> None:
-        samples = wire.samples_of_frames(frames)
+    def _load(self, frames: bytes) -> None:
+        samples = wire.samples_of_frames(wire.Frames(frames))
         bounds = np.flatnonzero(np.diff(samples.child, prepend=-1, append=-1)).tolist()
         for begin, end in pairwise(bounds):
             first = end - 1  # of the samples with the newest parent
@@ -137,7 +137,7 @@ class TreeObserver:
 
     def _add(self, message: wire.StreamMessage) -> None:
         assert message.changes is not None
-        samples = wire.samples_of_changes(message.changes)
+        samples = wire.samples_of_changes(wire.Changes(message.changes))
         arrival_ns = message.clock_ns + self._offset_ns
         columns = (samples.has_parent, samples.child, samples.parent, samples.stamp)
         rows = zip(

@@ -31,7 +31,7 @@ MAY_INCLUDE: dict[str, tuple[str, ...]] = {
     "lookups": ("base", "reads", "estimates", "tree_state.hpp", "modes", "shared"),
     "commits": ("base", "records", "histories", "tree_state.hpp", "modes"),
     "messages": ("geometry", "reads", "commits"),
-    "replication": ("base", "records", "histories", "tree_state.hpp", "commits"),
+    "replication": ("base", "records", "histories", "tree_state.hpp", "commits", "messages"),
     "tree.hpp": ("estimates", "tree_state.hpp", "lookups", "commits"),
     "tree.cpp": ("tree.hpp",),
     "by_name": ("base", "names", "reads", "shared", "tree.hpp"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import atexit
+import contextlib
 import functools
 import logging
 import tempfile
@@ -17,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import ChangeReplay, Changes, Frames
 from zenoh_tf._net import keys
 from zenoh_tf.errors import InvalidArgumentException, TransformException
 from zenoh_tf_server import config_file, flags
@@ -37,6 +39,9 @@ _SLOW_S = 5.0
 
 def decoder(data: bytes) -> None:
     """Everything that parses a message raises nothing but the project's errors."""
+    for read in (Changes, Frames):
+        with contextlib.suppress(TransformException):
+            read(data)
     try:
         message = wire.unpack(data)
     except TransformException:
@@ -54,10 +59,10 @@ def decoder(data: bytes) -> None:
         lambda body: wire.parse_commit_reply(body, 2),
         lambda body: wire.parse_value(body, str),
         wire.parse_one_answer,
-        wire.parse_stream,
-        wire.parse_snapshot_plan,
+        lambda body: _apply(wire.parse_stream(body).changes),
+        lambda body: _apply(wire.parse_snapshot_plan(body).changes),
         wire.parse_snapshot_request,
-        wire.parse_snapshot_piece,
+        lambda body: ChangeReplay(_small_tree()).load(wire.parse_snapshot_piece(body).frames),
         wire.parse_missed_request,
         wire.parse_interest,
         wire.parse_missed_reply,
@@ -66,6 +71,15 @@ def decoder(data: bytes) -> None:
             parse(message)
         except TransformException as error:
             assert str(error) is not None
+
+
+def _small_tree() -> TransformTree:
+    return TransformTree(max_frames=16)
+
+
+def _apply(changes: bytes | None) -> None:
+    if changes is not None:
+        ChangeReplay(_small_tree()).apply(1, changes)
 
 
 class _InternalErrors(logging.Handler):

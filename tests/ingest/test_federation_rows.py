@@ -12,6 +12,7 @@ from tests.conftest import StartServer
 from tests.support.waiting import wait_until
 from zenoh_tf import StampedTransform, Transform, TransformException, TransformTree, wire
 from zenoh_tf.errors import LimitExceeded
+from zenoh_tf.wire.samples import SAMPLE, STATIC
 from zenoh_tf_client import TransformClient
 from zenoh_tf_server.federation import quota, rows
 from zenoh_tf_server.ingest.put_queues import Put
@@ -30,14 +31,14 @@ def rows_of(most: int = 1 << 20) -> tuple[rows.RobotRows, Refused]:
     return rows.RobotRows("r", ("map",), 100_000, share, refuse), refused
 
 
-def frames(count: int, samples: int = 1, authorities: tuple[str, ...] = ("wheels",)) -> wire.Frames:
+def frames(count: int, samples: int = 1, authorities: tuple[str, ...] = ("wheels",)) -> bytes:
     """A snapshot of frames below `map`, of authorities by turns; every fourth is static."""
     numbers: NDArray[np.uint32] = np.arange(1, count + 1, dtype=np.uint32)
     kept = np.where(numbers % 4 == 0, 1, samples).astype(np.uint32)
     total = int(kept.sum())
     stamp = np.concatenate([np.arange(1, each + 1, dtype=np.int64) for each in kept])
     pose = np.tile([0.0, 0, 0, 0, 0, 0, 1], (total, 1))
-    return wire.Frames(
+    return wire.pack(
         {
             "names": ["map", *(f"part{number}" for number in numbers)],
             "authorities": list(authorities),
@@ -88,12 +89,12 @@ def test_a_first_copy_is_history_that_its_own_server_has_admitted() -> None:
     assert put.is_relayed and not put.is_history
 
 
-def changes(*samples: tuple[str, str, str], static: bool = False, stamp: int = 1) -> wire.Changes:
+def changes(*samples: tuple[str, str, str], static: bool = False, stamp: int = 1) -> bytes:
     """A message with samples: parent, child, authority."""
     names = sorted({name for sample in samples for name in sample[:2]})
     authorities = sorted({sample[2] for sample in samples})
     count = len(samples)
-    kind = wire.stream.STATIC if static else wire.stream.SAMPLE
+    kind = STATIC if static else SAMPLE
     columns: dict[str, NDArray[Any]] = {
         "kind": np.full(count, kind, np.uint8),
         "frame": np.array([names.index(child) for _, child, _ in samples], np.uint32),
@@ -104,7 +105,7 @@ def changes(*samples: tuple[str, str, str], static: bool = False, stamp: int = 1
         "pose": np.tile([float(stamp), 0, 0, 0, 0, 0, 1], (count, 1)),
     }
     fields = {name: column.tobytes() for name, column in columns.items()}
-    return wire.Changes({"names": names, "authorities": authorities, **fields})
+    return wire.pack({"names": names, "authorities": authorities, **fields, "lost": b""})
 
 
 def test_messages_alike_become_the_same_puts_as_the_first_of_them() -> None:

@@ -23,7 +23,7 @@ from zenoh_tf._net import keys
 from zenoh_tf.errors import BY_CODE, FACTS, TransformException
 from zenoh_tf.estimate import estimate_of
 from zenoh_tf.introspection.frame_info import AuthorityInfo, ClientInfo, FrameInfo
-from zenoh_tf.wire import stream
+from zenoh_tf.wire.samples import NO_PARENT
 from zenoh_tf_client.session.server_info import parse_server_info
 
 from .golden_records import (
@@ -73,18 +73,18 @@ FACT_VALUES = {
 } | dict.fromkeys([name for name in FACTS if name.endswith(("frame", "root", "field"))], "map")
 
 #: A change of every kind. Two samples of one commit have one version.
-CHANGES = wire.Changes(
+CHANGES = wire.pack(
     {
         "names": NAMES,
         "authorities": ["", "lidar"],
         "kind": bytes([0, 0, 1, 2, 3, 4, 5, 6]),
         "frame": np.array([1, 1, 2, 0, 1, 2, 0, 1], np.uint32).tobytes(),
         "version": np.array([4, 4, 8, 8, 12, 12, 16, 20], np.uint64).tobytes(),
-        "parent": np.array([0, 0, stream.NO_PARENT], np.uint32).tobytes(),
+        "parent": np.array([0, 0, NO_PARENT], np.uint32).tobytes(),
         "authority": np.array([0, 0, 1], np.uint32).tobytes(),
         "stamp": np.array([7, 8, 0]).tobytes(),
         "pose": np.arange(21, dtype=float).tobytes(),
-        "lost": np.array([stream.NO_PARENT], np.uint32).tobytes(),
+        "lost": np.array([NO_PARENT], np.uint32).tobytes(),
     }
 )
 
@@ -309,6 +309,8 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
         lambda: reply(wire.snapshot_piece_reply(wire.SnapshotPiece(1, 15, 9, FRAMES))),
         read(wire.parse_snapshot_piece),
     ),
+    "changes in a stream": (lambda: CHANGES, Changes),
+    "frames in a snapshot's piece": (lambda: FRAMES, Frames),
     "reply to missed": (
         lambda: reply(wire.missed_reply([b"\x81\xa1v\x01"], 9)),
         read(wire.parse_missed_reply),

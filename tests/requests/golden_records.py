@@ -6,7 +6,7 @@ import numpy as np
 
 from zenoh_tf import wire
 from zenoh_tf._net import handover
-from zenoh_tf.wire import stream
+from zenoh_tf.wire.samples import NO_PARENT
 
 INSTANCE = "00112233aabbccdd"
 
@@ -43,7 +43,7 @@ CLIENT = {
     **{"client": "a1b2", "address": None, "clock_offset_min_s": -0.5, "clock_offset_max_s": 0.5},
     "clock_age_s": 1.0,
 }
-FRAMES = wire.Frames(
+FRAMES = wire.pack(
     {
         "names": NAMES,
         "authorities": ["", "lidar"],
@@ -53,7 +53,7 @@ FRAMES = wire.Frames(
         "authority": np.array([0, 1, 1], np.uint32).tobytes(),
         "count": np.array([0, 2, 1], np.uint32).tobytes(),
         "stamp": np.array([7, 8, 0]).tobytes(),
-        "parent": np.array([0, stream.NO_PARENT, 1], np.uint32).tobytes(),
+        "parent": np.array([0, NO_PARENT, 1], np.uint32).tobytes(),
         "pose": np.arange(21, dtype=float).tobytes(),
     }
 )

@@ -25,8 +25,9 @@ from typing import Any
 import pytest
 
 from zenoh_tf import wire
-from zenoh_tf._core import parse_single_answer
+from zenoh_tf._core import Changes, parse_single_answer
 from zenoh_tf._net import keys
+from zenoh_tf.wire.samples import ORPHANED
 
 from . import golden, golden_records
 
@@ -64,8 +65,8 @@ def test_each_type_of_message_has_an_example() -> None:
     names = " ".join(golden.MESSAGES)
     for request_type in keys.REQUEST_TYPES:
         assert request_type in names
-    kinds = golden.CHANGES.kind.tolist()
-    assert set(kinds) == set(range(max(kinds) + 1)) and max(kinds) == wire.stream.ORPHANED
+    kinds = Changes(golden.CHANGES).kind.tolist()
+    assert set(kinds) == set(range(max(kinds) + 1)) and max(kinds) == ORPHANED
 
 
 def test_the_native_client_reads_what_the_native_server_writes() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.logged_trees import LOG_BYTES, MANY, Mirror, follow, logged, make_tree, state
 from zenoh_tf import StampedTransform, Transform
-from zenoh_tf._core import InterestReader, wait_for_changes
+from zenoh_tf._core import Changes, InterestReader, wait_for_changes
 from zenoh_tf.errors import InvalidArgumentException, LimitExceeded
 
 
@@ -64,7 +64,7 @@ def test_limits_and_arguments() -> None:
         reader.read(True, 10)
     assert caught.value.field == "interest_frames"
     everything = reader.read(True, 21)[3]
-    assert everything is not None and len(everything.names) == 21
+    assert everything is not None and len(Changes(everything).names) == 21
     with pytest.raises(InvalidArgumentException):
         InterestReader(make_tree(), [], True)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.logged_trees import FEW_FRAMES, Mirror, Writer, logged, state
-from zenoh_tf import TransformTree
+from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import ChangeLog, ChangeReplay, Changes, TransformRows
 
 
@@ -38,14 +38,15 @@ def test_long_messages_are_the_tree(seed: int) -> None:
         assert state(mirror.tree) == state(long.tree) == state(tree)
 
 
-def together(messages: list[Changes]) -> Changes:
+def together(messages: list[bytes]) -> bytes:
     """The changes of several messages as one."""
-    names = list({name: None for each in messages for name in each.names})
-    authorities = list({name: None for each in messages for name in each.authorities})
+    all_columns = [Changes(each) for each in messages]
+    names = list({name: None for each in all_columns for name in each.names})
+    authorities = list({name: None for each in all_columns for name in each.authorities})
     fields: dict[str, Any] = {"names": names, "authorities": authorities}
     for column in ("kind", "frame", "version", "parent", "authority", "stamp", "pose", "lost"):
         parts = []
-        for each in messages:
+        for each in all_columns:
             part = getattr(each, column)
             if column in ("frame", "parent", "lost"):
                 part = renumbered(part, each.names, names)
@@ -53,7 +54,7 @@ def together(messages: list[Changes]) -> Changes:
                 part = renumbered(part, each.authorities, authorities)
             parts.append(part)
         fields[column] = np.concatenate(parts).tobytes()
-    return Changes(fields)
+    return wire.pack(fields)
 
 
 def renumbered(column: Any, old: Sequence[str], new: list[str]) -> Any:

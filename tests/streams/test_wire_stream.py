@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
+import msgpack
 import pytest
 
-from zenoh_tf import wire
+from zenoh_tf import TransformTree, wire
+from zenoh_tf._core import ChangeReplay, Changes, Frames
 from zenoh_tf.errors import ProtocolError, ServerBusy
 
 POSE = struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1)
@@ -18,6 +20,8 @@ STREAM: dict[str, Any] = {
     "first": 5,
     "last": 6,
     "clock_ns": 9,
+}
+CHANGES: dict[str, Any] = {
     "names": ["map", "base", "old"],
     "authorities": ["wheels"],
     "kind": b"\x00\x04",
@@ -27,6 +31,7 @@ STREAM: dict[str, Any] = {
     "authority": struct.pack("<I", 0),
     "stamp": struct.pack("<q", 7),
     "pose": POSE,
+    "lost": b"",
 }
 PLAN: dict[str, Any] = {
     "v": 1,
@@ -49,6 +54,9 @@ PIECE: dict[str, Any] = {
     "piece": 1,
     "reached": 3,
     "last": 6,
+    "frames": b"",
+}
+FRAMES: dict[str, Any] = {
     "names": ["base", "map"],
     "authorities": ["wheels"],
     "frame": struct.pack("<I", 0),
@@ -60,13 +68,6 @@ PIECE: dict[str, Any] = {
     "parent": struct.pack("<I", 1),
     "pose": POSE,
 }
-
-
-def test_a_stream_without_orphans_has_no_field_of_them() -> None:
-    """Names lose their ids only at the limit of frames: other messages have no `lost`."""
-    data = wire.pack(STREAM)
-    message = wire.parse_stream(wire.unpack(data))
-    assert wire.pack(wire.stream_body(message)) == data
 
 
 def test_an_error_in_a_reply_is_raised() -> None:
@@ -83,6 +84,19 @@ def test_an_error_in_a_reply_is_raised() -> None:
         ({"first": 0}, "first"),
         ({"last": 3}, "last"),
         ({"clock_ns": None}, "clock_ns"),
+        ({"real_ns": 1.0}, "real_ns"),
+        ({"changes": []}, "changes"),
+    ],
+)
+def test_malformed_stream_messages(change: dict[str, Any], field: str) -> None:
+    with pytest.raises(ProtocolError) as error:
+        wire.parse_stream({**STREAM, **change})
+    assert error.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
         ({"kind": b"\x00\x07"}, "kind"),
         ({"kind": b"\x00\x00"}, "parent"),
         ({"kind": b"\x00\x06"}, "lost"),
@@ -95,44 +109,93 @@ def test_an_error_in_a_reply_is_raised() -> None:
         ({"authority": struct.pack("<I", 1)}, "authority"),
         ({"stamp": b""}, "stamp"),
         ({"pose": POSE[8:]}, "pose"),
+        ({"pose": "text"}, "pose"),
         ({"names": [b"map"]}, "names"),
+        ({"names": ["\ud800"]}, "names"),
         ({"authorities": "wheels"}, "authorities"),
     ],
 )
-def test_malformed_stream_messages(change: dict[str, Any], field: str) -> None:
-    with pytest.raises(ProtocolError) as error:
-        wire.parse_stream({**STREAM, **change})
-    assert error.value.field == field
+def test_malformed_changes(change: dict[str, Any], field: str) -> None:
+    message = packed(CHANGES | change)
+    for read in (Changes, lambda data: ChangeReplay(TransformTree()).apply(6, data)):
+        with pytest.raises(ProtocolError) as error:
+            read(message)
+        assert error.value.field == field
 
 
 @pytest.mark.parametrize(
-    ("body", "change", "field"),
+    ("change", "field"),
     [
-        (PLAN, {"seq": -1}, "seq"),
-        (PLAN, {"bounds": struct.pack("<I", 0)}, "bounds"),
-        (PLAN, {"bounds": struct.pack("<2I", 1, 0)}, "bounds"),
-        (PLAN, {"settings": {}}, "cache_ns"),
-        (PLAN, {"reparented": 1}, "reparented"),
-        (PIECE, {"piece": None}, "piece"),
-        (PIECE, {"count": struct.pack("<I", 2)}, "stamp"),
-        (PIECE, {"count": struct.pack("<I", (1 << 32) - 1)}, "stamp"),
-        (PIECE, {"frame": struct.pack("<I", 2)}, "frame"),
-        (PIECE, {"authority": struct.pack("<I", 1)}, "authority"),
-        (PIECE, {"parent": b""}, "parent"),
+        ({"seq": -1}, "seq"),
+        ({"bounds": struct.pack("<I", 0)}, "bounds"),
+        ({"bounds": struct.pack("<2I", 1, 0)}, "bounds"),
+        ({"settings": {}}, "cache_ns"),
+        ({"reparented": 1}, "reparented"),
+        ({"changes": 1}, "changes"),
     ],
 )
-def test_malformed_snapshots(body: dict[str, Any], change: dict[str, Any], field: str) -> None:
-    parse = wire.parse_snapshot_plan if body is PLAN else wire.parse_snapshot_piece
+def test_malformed_plans(change: dict[str, Any], field: str) -> None:
     with pytest.raises(ProtocolError) as error:
-        parse({**body, **change})
+        wire.parse_snapshot_plan({**PLAN, **change})
     assert error.value.field == field
 
 
-def test_columns_are_views_of_the_message() -> None:
-    message = wire.parse_stream(wire.unpack(wire.pack(STREAM)))
-    assert message.changes is not None
-    assert not message.changes.pose.flags.writeable
-    assert message.changes.pose.dtype == np.float64
+@pytest.mark.parametrize("change", [{"piece": None}, {"reached": -1}, {"last": ""}, {"frames": 1}])
+def test_malformed_pieces(change: dict[str, Any]) -> None:
+    with pytest.raises(ProtocolError) as error:
+        wire.parse_snapshot_piece({**PIECE, **change})
+    assert error.value.field in change
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"count": struct.pack("<I", 2)}, "stamp"),
+        ({"count": struct.pack("<I", (1 << 32) - 1)}, "stamp"),
+        ({"frame": struct.pack("<I", 2)}, "frame"),
+        ({"authority": struct.pack("<I", 1)}, "authority"),
+        ({"parent": b""}, "parent"),
+    ],
+)
+def test_malformed_frames(change: dict[str, Any], field: str) -> None:
+    message = packed(FRAMES | change)
+    for read in (Frames, ChangeReplay(TransformTree()).load):
+        with pytest.raises(ProtocolError) as error:
+            read(message)
+        assert error.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("fields", "read", "what"),
+    [(CHANGES, Changes, "changes"), (FRAMES, Frames, "frames")],
+)
+def test_fields_have_their_order_and_others_may_follow(
+    fields: dict[str, Any], read: Callable[[bytes], Changes | Frames], what: str
+) -> None:
+    message = packed(fields)
+    for found in (read(message), read(packed(fields | {"new": [1, {}]}))):
+        assert list(found.names) == fields["names"]
+        assert found.stamp.tolist() == [7] and found.pose.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
+        assert not found.pose.flags.writeable
+    for field, value in fields.items():
+        rest = {name: other for name, other in fields.items() if name != field}
+        for other in (rest, rest | {field: value}):
+            if list(other) != list(fields):
+                with pytest.raises(ProtocolError) as error:
+                    read(packed(other))
+                assert error.value.field == field
+    for damaged in (b"", b"\x90", b"\xc1", message + b"\0"):
+        with pytest.raises(ProtocolError) as error:
+            read(damaged)
+        assert error.value.field == what
+    for size in range(1, len(message)):
+        with pytest.raises(ProtocolError):
+            read(message[:size])
+
+
+def packed(fields: dict[str, Any]) -> bytes:
+    data: bytes = msgpack.packb(fields, unicode_errors="surrogatepass")
+    return data
 
 
 def test_an_interest() -> None:

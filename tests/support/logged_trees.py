@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from zenoh_tf import StampedTransform, Transform, TransformTree
-from zenoh_tf._core import ChangeLog, ChangeReplay, InterestReader, TransformRows
+from zenoh_tf._core import ChangeLog, ChangeReplay, Frames, InterestReader, TransformRows
 from zenoh_tf.errors import TransformException
 
 CACHE_S = 1e-7  # 100 ns: histories are pruned soon
@@ -44,8 +44,9 @@ def logged(
 def state(tree: TransformTree) -> State:
     """Everything that a mirror must have, read by way of a snapshot."""
     found: State = {}
-    reached, frames = ChangeLog(tree).read_snapshot(0, 1 << 30, 1 << 40)
+    reached, message = ChangeLog(tree).read_snapshot(0, 1 << 30, 1 << 40)
     assert reached == 1 << 30
+    frames = Frames(message)
     names, authorities = frames.names, frames.authorities
     frame, version, static = frames.frame, frames.version, frames.static
     authority, count = frames.authority, frames.count

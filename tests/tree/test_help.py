@@ -12,13 +12,14 @@ import pytest
 import zenoh_tf
 
 LIBRARY = Path(zenoh_tf.__file__).parent
-STUBS = (LIBRARY / "_core.pyi", LIBRARY / "_core_stubs" / "transform.pyi")
+STUBS = [LIBRARY / "_core.pyi", *(LIBRARY / "_core_stubs").glob("*.pyi")]
+CLASSES = {name: name for name in ("Tree", "Transform", "StampedTransform")} | {"Reads": "Tree"}
 #: The methods of the stubs, by class and name; of overloads the last one.
 NATIVE = {
-    (node.name, method.name): method
+    (CLASSES[node.name], method.name): method
     for stub in STUBS
     for node in ast.parse(stub.read_text()).body
-    if isinstance(node, ast.ClassDef) and node.name in ("Tree", "Transform", "StampedTransform")
+    if isinstance(node, ast.ClassDef) and node.name in CLASSES
     for method in node.body
     if isinstance(method, ast.FunctionDef)
 }

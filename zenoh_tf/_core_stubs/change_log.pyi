@@ -2,8 +2,6 @@
 run time.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,13 +10,11 @@ from zenoh_tf import _core
 class Changes:
     """What commits have changed, as columns, which are checked and never change.
 
-    Frames and parents are indexes into `names`; `wire.stream.NO_PARENT`: it was removed.
+    Frames and parents are indexes into `names`; `wire.samples.NO_PARENT`: it was removed.
     """
 
-    # Of a message with the fields below. ProtocolError: they are malformed; it names the field.
-    def __init__(self, message: dict[str, Any]) -> None: ...
-    # For a message: texts, and each column as its bytes.
-    def fields(self) -> dict[str, Any]: ...
+    # ProtocolError: the message is malformed; it names the field.
+    def __init__(self, message: bytes) -> None: ...
     @property
     def names(self) -> tuple[str, ...]: ...
     @property
@@ -46,8 +42,7 @@ class Changes:
 class Frames:
     """Some frames with their histories, as columns, which are checked and never change."""
 
-    def __init__(self, message: dict[str, Any]) -> None: ...
-    def fields(self) -> dict[str, Any]: ...
+    def __init__(self, message: bytes) -> None: ...
     @property
     def names(self) -> tuple[str, ...]: ...
     @property
@@ -72,7 +67,7 @@ class Frames:
     def pose(self) -> NDArray[np.float64]: ...  # (n, 7)
 
 class ChangeLog:
-    """Reads a tree's change log and its snapshots.
+    """Reads a tree's change log and its snapshots, as the messages of them.
 
     `start`, `stop`, `wait` and `take` belong to one thread; the rest to any.
     """
@@ -86,25 +81,29 @@ class ChangeLog:
     def wake(self) -> None: ...
     # (first, last, lost, changes): the entries that are there, about `most_bytes` of them. Empty
     # entries are counted only, and None says that all were. `lost`: the next one is; start again.
-    def take(self, most_bytes: int) -> tuple[int, int, bool, Changes | None]: ...
+    def take(self, most_bytes: int) -> tuple[int, int, bool, bytes | None]: ...
     @property
     def last(self) -> int: ...  # number of the last commit, which may be in progress
     @property
-    def bytes(self) -> int: ...  # of the entries that wait
+    def nbytes(self) -> int: ...  # of the entries that wait
     # (number, whether frames may have samples of several parents, bounds of the pieces)
     def plan_snapshot(self, piece_bytes: int) -> tuple[int, bool, NDArray[np.uint32]]: ...
     # (last id that was read, frames) of those with ids above one bound, up to the next, or until
     # they have `most_bytes` or more.
-    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, Frames]: ...
+    def read_snapshot(self, after: int, last: int, most_bytes: int) -> tuple[int, bytes]: ...
 
 class ChangeReplay:
-    """Makes a tree the mirror of another. One thread at a time."""
+    """Makes a tree the mirror of another. One thread at a time.
+
+    Of a message that is malformed, ProtocolError names the field; InvalidArgumentException says what
+    no tree can have. Nothing has changed then, but names may be new.
+    """
 
     def __init__(self, tree: _core.Tree) -> None: ...
     # Apply the changes at one instant; those that the snapshot has already are left out. `last`:
     # the number after which the other tree was so.
-    def apply(self, last: int, changes: Changes) -> None: ...
-    def load(self, frames: Frames) -> None: ...
+    def apply(self, last: int, changes: bytes) -> None: ...
+    def load(self, frames: bytes) -> None: ...
     # Before the first lookup, if the snapshot's plan says so.
     def set_ever_reparented(self) -> None: ...
 
@@ -121,7 +120,7 @@ class InterestReader:
     # number are in it. LimitExceeded: there are more than `max_frames` frames.
     def read(
         self, with_all: bool, max_frames: int
-    ) -> tuple[int, bool, Changes | None, Changes | None]: ...
+    ) -> tuple[int, bool, bytes | None, bytes | None]: ...
     # Whether a read would return a change. Always, without pairs.
     def has_changed(self) -> bool: ...
     @property

@@ -5,6 +5,11 @@ namespace ztf {
 
 nb::str str_of(std::string_view text) { return nb::str(text.data(), text.size()); }
 
+nb::object bytes_of(const std::optional<std::string>& data) {
+  if (!data) return nb::none();
+  return nb::bytes(data->data(), data->size());
+}
+
 std::string_view text_of(nb::handle name, const char* field) {
   Py_ssize_t size = 0;
   const char* text =

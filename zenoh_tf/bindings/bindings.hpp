@@ -113,6 +113,9 @@ class GilReleasedOnWait final : private LongWait {
 // --- arguments; `field` names the argument in InvalidArgumentException
 
 nb::str str_of(std::string_view text);
+inline std::string_view view_of(const nb::bytes& data) { return {data.c_str(), data.size()}; }
+// None of nullopt.
+nb::object bytes_of(const std::optional<std::string>& data);
 // A str's UTF-8; valid as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
 // The same, of a name that a frame may have; raises for others.
@@ -233,7 +236,6 @@ void bind_budget(nb::module_& m);
 void bind_cdr(nb::module_& m);
 void bind_columns(nb::module_& m);
 void bind_join_buffers(nb::module_& m);
-void bind_message_columns(nb::module_& m);
 void bind_single_lookup(nb::module_& m);
 void bind_transform(nb::module_& m);
 void bind_transform_rows(nb::module_& m);

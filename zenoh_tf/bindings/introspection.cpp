@@ -306,11 +306,11 @@ nb::tuple take_events(Tree& tree) {
 
 template <class T>
 void bind_introspection(nb::class_<T>& tree) {
-  tree.def("frames", method<&frames<T>>, ZTF_DOC(Tree_frames))
-      .def("parent", method<&parent<T>>, ZTF_DOC(Tree_parent), nb::arg("frame"),
+  tree.def("frames", method<&frames<T>>, ZTF_DOC(Reads_frames))
+      .def("parent", method<&parent<T>>, ZTF_DOC(Reads_parent), nb::arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", method<&chain_of<T>>, ZTF_DOC(Tree_chain), nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none())
+      .def("chain", method<&chain_of<T>>, ZTF_DOC(Reads_chain), nb::arg("target"),
+           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none())
       .def("_startup_ns",
            [](const T& t) {
              const Startup startup = t.startup();

@@ -18,7 +18,6 @@ NB_MODULE(_core, m) {
   ztf::bind_change_log(m);
   ztf::bind_change_replay(m);
   ztf::bind_interest_reader(m);
-  ztf::bind_message_columns(m);
   ztf::bind_join_buffers(m);
   ztf::bind_single_lookup(m);
   ztf::bind_cdr(m);

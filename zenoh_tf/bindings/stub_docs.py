@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,8 +30,10 @@ struct Doc {
 
 
 def signature(function: ast.FunctionDef) -> str:
-    """The function's signature on one line, as nanobind's nb::sig expects it."""
+    """The function's signature on one line, as nanobind's nb::sig expects it. Without the type
+    variable of `Reads`, which stands for no answer of a tree in this process."""
     returns = f" -> {ast.unparse(function.returns)}" if function.returns else ""
+    returns = re.sub(r" [|] N\b", "", returns)
     return f"def {function.name}({ast.unparse(function.args)}){returns}"
 
 

@@ -23,7 +23,7 @@ class Observer(Protocol):
     def begin(self, instance: str, seq: int) -> None:
         """A copy begins: of a server's instance, as it was after the commit `seq` or later."""
 
-    def load(self, frames: wire.Frames) -> None:
+    def load(self, frames: bytes) -> None:
         """Some frames of a snapshot, with their histories."""
 
     def apply(self, message: wire.StreamMessage) -> None:

@@ -335,7 +335,7 @@ class MirrorFeed:
             wait_s = 0.0 if is_plan else _PART_WAIT_S
             reply = yield from self.source.ask(request.request_type, dict(request.body), wait_s)
             if is_plan:
-                if self._interest is not None and "kind" not in reply:
+                if self._interest is not None and "changes" not in reply:
                     raise ServerUnavailable("the server knows no interests")
                 instance, clock_ns = wire.text(reply, "instance"), wire.integer(reply, "clock_ns")
                 self.clock.compared(instance, begin_ns, clock_ns)

@@ -2,7 +2,8 @@
 
 `fields` converts bytes and checks types, `error_codec` has errors, `lookup` reads, `estimates` has
 poses with errors, `commit` writes, `calls` batches, info and admin requests, `stream` what
-mirrors follow, `interest` which part of it, and `floor` which state a reply must be of at least.
+mirrors follow, `samples` the samples in it, `interest` which part of it, and `floor` which state a
+reply must be of at least.
 docs/reference/protocol.md describes it for other languages.
 """
 
@@ -92,9 +93,9 @@ from .lookup import (
     parse_one_read,
     parse_read_set,
 )
+from .samples import Samples, samples_of_changes, samples_of_frames
 from .stream import (
     NO_BOUNDS,
-    Samples,
     SnapshotPiece,
     SnapshotPlan,
     SnapshotRequest,
@@ -107,8 +108,6 @@ from .stream import (
     parse_snapshot_plan,
     parse_snapshot_request,
     parse_stream,
-    samples_of_changes,
-    samples_of_frames,
     snapshot_piece_reply,
     snapshot_plan_reply,
     snapshot_request,

@@ -305,13 +305,24 @@ def items(message: Message, field: str) -> list[Any]:
     return value
 
 
+def fields_of(record: Any) -> Message:
+    """The fields of a dataclass with slots, by their names; without those that are None."""
+    values = ((name, getattr(record, name)) for name in record.__slots__)
+    return {name: value for name, value in values if value is not None}
+
+
+def binary(message: Message, field: str) -> bytes:
+    value = message.get(field)
+    if type(value) is not bytes:
+        raise malformed(field, "binary")
+    return value
+
+
 def column(
     message: Message, field: str, dtype: np.dtype[Any], rows: int | None = None, width: int = 1
 ) -> NDArray[Any]:
     """A column of `rows` entries (None: any number), each of `width` numbers."""
-    value = message.get(field)
-    if type(value) is not bytes:
-        raise malformed(field, "binary")
+    value = binary(message, field)
     size = dtype.itemsize * width
     count, rest = divmod(len(value), size)
     if rest:

@@ -1,25 +1,27 @@
 """Messages of the commit stream, snapshots and missed messages (docs/reference/protocol.md,
 "stream").
 
-The columns of changes and frames are `zenoh_tf._core.Changes` and `Frames`.
+What has changed, and frames with their histories, are bytes here, which the native `ChangeReplay`
+reads; `samples` has their samples as columns.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import Changes, Frames, TransformRows
 from .error_codec import raise_error
 from .fields import (
     MAX_REPLY_BYTES,
     U32,
     VERSION,
     Message,
+    binary,
     column,
+    fields_of,
     flag,
     integer,
     items,
@@ -32,72 +34,12 @@ from .fields import (
 from .interest import Interest
 from .tree_settings import TreeSettings, parse_tree_settings
 
-#: Kinds of changes, as in records/change_log.hpp. The first two have a sample.
-SAMPLE: Final = 0
-STATIC: Final = 1
-CREATED: Final = 2
-CLEARED: Final = 3
-REMOVED: Final = 4
-NEW_VERSION: Final = 5
-ORPHANED: Final = 6
-
-#: The parent of a sample whose parent was removed, and of an orphaned frame that lost none.
-NO_PARENT: Final = (1 << 32) - 1
-
+#: Ids of frames have 32 bits.
+_MAX_ID: Final = (1 << 32) - 1
 #: What one message may take when it is decoded. Those of a server take a tenth of it.
 _DECODED_BYTES: Final = 128 << 20
 #: Of a plan without pieces.
 NO_BOUNDS: Final = np.zeros(0, np.uint32)
-
-
-class Samples(NamedTuple):
-    """The samples of changes or frames as columns, a row for each."""
-
-    names: list[str]
-    authorities: list[str]
-    parent: NDArray[np.uint32]  # (n,) indexes into names, or NO_PARENT
-    child: NDArray[np.uint32]  # (n,)
-    stamp: NDArray[np.int64]  # (n,) ns
-    pose: NDArray[np.float64]  # (n, 7)
-    authority: NDArray[np.uint32]  # (n,) indexes into authorities
-    static: NDArray[np.bool_]  # (n,)
-
-    @property
-    def has_parent(self) -> NDArray[np.bool_]:
-        """(n,) False if the parent was removed."""
-        return np.not_equal(self.parent, NO_PARENT)
-
-    def rows(self, chosen: NDArray[np.intp]) -> TransformRows:
-        """Some of them, each with a parent, by their numbers."""
-        parent, child = self.parent[chosen], self.child[chosen]
-        return TransformRows(self.names, parent, child, self.stamp[chosen], self.pose[chosen])
-
-
-def samples_of_changes(changes: Changes) -> Samples:
-    has_sample = changes.kind <= STATIC
-    return Samples(
-        list(changes.names),
-        list(changes.authorities),
-        changes.parent,
-        changes.frame[has_sample],
-        changes.stamp,
-        changes.pose,
-        changes.authority,
-        changes.kind[has_sample] == STATIC,
-    )
-
-
-def samples_of_frames(frames: Frames) -> Samples:
-    return Samples(
-        list(frames.names),
-        list(frames.authorities),
-        frames.parent,
-        np.repeat(frames.frame, frames.count),
-        frames.stamp,
-        frames.pose,
-        np.repeat(frames.authority, frames.count),
-        np.repeat(frames.static != 0, frames.count),
-    )
 
 
 @dataclass(slots=True)
@@ -108,24 +50,13 @@ class StreamMessage:
     first: int  # one more than the `last` of the message before
     last: int
     clock_ns: int  # the server's clock when the message was made
-    changes: Changes | None = None
+    changes: bytes | None = None
     real_ns: int | None = None  # its real-time clock at that time; None if it does not say
 
 
 def stream_body(message: StreamMessage) -> Message:
     """The map of a stream message."""
-    body: Message = {
-        "v": VERSION,
-        "instance": message.instance,
-        "first": message.first,
-        "last": message.last,
-        "clock_ns": message.clock_ns,
-    }
-    if message.real_ns is not None:
-        body["real_ns"] = message.real_ns
-    if message.changes is not None:
-        body |= message.changes.fields()
-    return body
+    return {"v": VERSION} | fields_of(message)
 
 
 def unpack_stream(data: bytes) -> StreamMessage:
@@ -140,12 +71,11 @@ def parse_stream(body: Message) -> StreamMessage:
         integer(body, "first", low=1),
         integer(body, "last", low=0),
         integer(body, "clock_ns"),
-        real_ns=integer(body, "real_ns") if "real_ns" in body else None,
+        binary(body, "changes") if "changes" in body else None,
+        integer(body, "real_ns") if "real_ns" in body else None,
     )
     if message.last < message.first - 1:
         raise malformed("last", "at least first - 1")
-    if "kind" in body:
-        message.changes = Changes(body)
     return message
 
 
@@ -161,12 +91,12 @@ class SnapshotPlan:
     bounds: NDArray[np.uint32]
     settings: TreeSettings
     clock_ns: int
-    changes: Changes | None = None  # of an interest: all that there is, and no pieces
+    changes: bytes | None = None  # of an interest: all that there is, and no pieces
 
 
 def snapshot_plan_reply(plan: SnapshotPlan) -> Message:
     """The reply to a `snapshot` request without a piece, without the envelope."""
-    return ({} if plan.changes is None else plan.changes.fields()) | {
+    return ({} if plan.changes is None else {"changes": plan.changes}) | {
         "seq": plan.seq,
         "reparented": plan.ever_reparented,
         "bounds": raw(plan.bounds, U32),
@@ -179,7 +109,7 @@ def parse_snapshot_plan(reply: Message) -> SnapshotPlan:
     """The plan in a reply. Raises the error that it carries, or ProtocolError."""
     raise_error(reply)
     bounds = column(reply, "bounds", U32)
-    changes = Changes(reply) if "kind" in reply else None
+    changes = binary(reply, "changes") if "changes" in reply else None
     if (changes is None and bounds.size < 2) or bool(np.any(bounds[:-1] > bounds[1:])):
         raise malformed("bounds", "two or more ascending ids")
     return SnapshotPlan(
@@ -207,13 +137,7 @@ def snapshot_request(request: SnapshotRequest | None, interest: Interest | None 
     if request is None:
         body: Message = {"v": VERSION}
         return body if interest is None else body | {"interest": interest.fields()}
-    return {
-        "v": VERSION,
-        "instance": request.instance,
-        "piece": request.piece,
-        "after": request.after,
-        "until": request.until,
-    }
+    return {"v": VERSION} | fields_of(request)
 
 
 def parse_snapshot_request(body: Message) -> SnapshotRequest | None:
@@ -222,7 +146,7 @@ def parse_snapshot_request(body: Message) -> SnapshotRequest | None:
         return None
     ids = [integer(body, name, low=0) for name in ("after", "until")]
     for name, value in zip(("after", "until"), ids, strict=True):
-        if value > NO_PARENT:
+        if value > _MAX_ID:
             raise malformed(name, "an id of 32 bits")
     return SnapshotRequest(text(body, "instance"), integer(body, "piece", low=0), *ids)
 
@@ -234,13 +158,12 @@ class SnapshotPiece:
     piece: int
     reached: int  # the last id that was read; below `until` if the piece was cut short
     last: int  # a number that the mirror must reach before it may be read
-    frames: Frames
+    frames: bytes
 
 
 def snapshot_piece_reply(piece: SnapshotPiece) -> Message:
     """The reply with a piece, without the envelope."""
-    body: Message = {"piece": piece.piece, "reached": piece.reached, "last": piece.last}
-    return body | piece.frames.fields()
+    return fields_of(piece)
 
 
 def parse_snapshot_piece(reply: Message) -> SnapshotPiece:
@@ -250,7 +173,7 @@ def parse_snapshot_piece(reply: Message) -> SnapshotPiece:
         integer(reply, "piece", low=0),
         integer(reply, "reached", low=0),
         integer(reply, "last", low=0),
-        Frames(reply),
+        binary(reply, "frames"),
     )
 
 

@@ -264,7 +264,7 @@ class RobotTree:
                 self.name,
             )
 
-    def load(self, frames: wire.Frames) -> None:
+    def load(self, frames: bytes) -> None:
         """Queue frames of a snapshot. Waits for room for a moment: the stream waits meanwhile."""
         self._add(self._rows.of_frames(frames), wait=True)
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from zenoh_tf import wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import TransformException
-from zenoh_tf.wire.stream import CLEARED, REMOVED
+from zenoh_tf.wire.samples import CLEARED, REMOVED
 
 from ..ingest.prefixes import Prefixes
 from ..ingest.put_queues import Put
@@ -72,13 +72,14 @@ class RobotRows:
         self.removals = 0  # frames that the robot has cleared or removed
         self._last: _Shape | None = None
 
-    def of_frames(self, frames: wire.Frames) -> Iterator[Put]:
+    def of_frames(self, frames: bytes) -> Iterator[Put]:
         """Puts of frames with their histories, many frames in each."""
-        yield from self._of_copy(self._renamed(wire.samples_of_frames(frames)))
+        yield from self._of_copy(self._renamed(wire.samples_of_frames(wire.Frames(frames))))
 
-    def of_changes(self, changes: wire.Changes, *, is_copy: bool = False) -> Iterator[Put]:
+    def of_changes(self, message: bytes, *, is_copy: bool = False) -> Iterator[Put]:
         """Puts of a message of the stream: what each authority has committed; with `is_copy`, all
         that there is of an interest, as `of_frames`."""
+        changes = wire.Changes(message)
         kind, stamp, pose = changes.kind, changes.stamp, changes.pose
         columns = (kind, changes.frame, changes.parent, changes.authority)
         shape = tuple(column.tobytes() for column in columns)

@@ -82,7 +82,7 @@ class Relay:
 
     def read(
         self, reader: InterestReader, with_all: bool, max_frames: int
-    ) -> tuple[tuple[int, bool, wire.Changes | None, wire.Changes | None], int]:
+    ) -> tuple[tuple[int, bool, bytes | None, bytes | None], int]:
         """As `CommitStream.read`."""
         with self._feed.paused():  # else a change could be there before its number
             seq, clock_ns = self.position()

@@ -138,7 +138,7 @@ class ReplicaService(Handler):
         """Another copy begins: the current one gets no more."""
         self._current = None
 
-    def load(self, frames: wire.Frames) -> None:
+    def load(self, frames: bytes) -> None:
         """Nothing: nobody follows a copy that is not complete."""
 
     def apply(self, message: wire.StreamMessage) -> None:

@@ -20,7 +20,7 @@ class CommitStream(Protocol):
 
     def read(
         self, reader: InterestReader, with_all: bool, max_frames: int
-    ) -> tuple[tuple[int, bool, wire.Changes | None, wire.Changes | None], int]:
+    ) -> tuple[tuple[int, bool, bytes | None, bytes | None], int]:
         """Read an interest: what `InterestReader.read` returns, and a time of the server's clock:
         all that was committed before it is in what was read."""
 

@@ -110,7 +110,7 @@ class _Interest:
             (seq, _, changes, _), clock_ns = self._stream.read(self.reader, False, room)
             self._put(seq, clock_ns, changes)
 
-    def _put(self, last: int, clock_ns: int, changes: wire.Changes | None) -> None:
+    def _put(self, last: int, clock_ns: int, changes: bytes | None) -> None:
         if clock_ns != self._clock_ns:
             self._state_s = time.monotonic()
         self._clock_ns = clock_ns

@@ -128,7 +128,7 @@ class StreamPublisher:
         """True if someone listens."""
         return self._publisher is not None and bool(self._publisher.matching_status.matching)
 
-    def put(self, last: int, clock_ns: int, changes: wire.Changes | None) -> None:
+    def put(self, last: int, clock_ns: int, changes: bytes | None) -> None:
         """Put what the commits up to the number `last` have changed; without changes, a
         heartbeat."""
         first, self.last = self.last + 1, last

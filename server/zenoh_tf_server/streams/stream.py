@@ -77,7 +77,7 @@ class Stream:
 
     def read(
         self, reader: InterestReader, with_all: bool, max_frames: int
-    ) -> tuple[tuple[int, bool, wire.Changes | None, wire.Changes | None], int]:
+    ) -> tuple[tuple[int, bool, bytes | None, bytes | None], int]:
         """As `CommitStream.read`."""
         clock_ns = time.monotonic_ns()  # in this order
         return reader.read(with_all, max_frames), clock_ns
@@ -97,7 +97,7 @@ class Stream:
             "stream_message_bytes": self._publisher.bytes,
             "stream_gaps": self._gaps,
             "stream_kept_bytes": self._publisher.recent.bytes,
-            "change_log_bytes": self._log.bytes,
+            "change_log_bytes": self._log.nbytes,
         }
 
     def _wake(self) -> None:

@@ -10,13 +10,6 @@ namespace ztf {
 
 namespace {
 
-std::string_view view_of(const nb::bytes& data) { return {data.c_str(), data.size()}; }
-
-nb::object bytes_or_none(const std::optional<std::string>& data) {
-  if (!data) return nb::none();
-  return nb::bytes(data->data(), data->size());
-}
-
 nb::object pack_lookup(nb::handle target, nb::handle source, std::uint8_t op, Stamp stamp) {
   std::string_view names[2];
   const nb::handle given[2] = {target, source};
@@ -30,7 +23,7 @@ nb::object pack_lookup(nb::handle target, nb::handle source, std::uint8_t op, St
     }
     names[i] = {text, static_cast<std::size_t>(size)};
   }
-  return bytes_or_none(pack_single_lookup({names[0], names[1], static_cast<Op>(op), stamp}));
+  return bytes_of(pack_single_lookup({names[0], names[1], static_cast<Op>(op), stamp}));
 }
 
 nb::object reply_to_lookup(const Tree& tree, const nb::bytes& message, std::string_view instance) {
@@ -47,7 +40,7 @@ nb::object reply_to_lookup(const Tree& tree, const nb::bytes& message, std::stri
   if (answer.failure.code != Code::ok || answer.gap != 0) return nb::none();
   SingleAnswer reply{answer.stamp, {}, answer.pose};
   if (lookup->op >= Op::latest) reply.newest = answer.newest;
-  return bytes_or_none(pack_single_answer(reply, instance));
+  return bytes_of(pack_single_answer(reply, instance));
 }
 
 nb::object parse_answer(const nb::bytes& reply, std::string_view instance) {

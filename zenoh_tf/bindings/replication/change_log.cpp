@@ -1,7 +1,8 @@
 // ChangeLog: the consumer of a tree's change log, and the reader of its snapshots.
 //
 // GIL: waiting, and reading a snapshot, release it.
-#include "bindings/replication/message_columns.hpp"
+#include "bindings/bindings.hpp"
+#include "replication/message.hpp"
 #include "replication/snapshot.hpp"
 
 namespace ztf {
@@ -30,15 +31,13 @@ class Consumer {
   // (first, last, lost, changes): None if nothing has changed.
   nb::tuple take(std::size_t most_bytes) {
     std::optional<ChangeLog::Taken> taken;
-    ChangeTable changes;
+    std::optional<std::string> changes;
     {
       const GilReleased released;
       taken = log_->take(most_bytes);
-      changes = changes_of(taken->entries);
+      if (!taken->entries.empty()) changes = pack(changes_of(taken->entries).view());
     }
-    nb::object found = nb::none();
-    if (!taken->entries.empty()) found = nb::cast(Changes(changes));
-    return nb::make_tuple(taken->first, taken->last, taken->lost, found);
+    return nb::make_tuple(taken->first, taken->last, taken->lost, bytes_of(changes));
   }
 
   // (seq, ever_reparented, bounds)
@@ -53,12 +52,15 @@ class Consumer {
 
   // (reached, frames)
   nb::tuple read_snapshot(FrameId after, FrameId last, std::size_t most_bytes) {
-    std::optional<SnapshotPiece> piece;
+    FrameId reached = 0;
+    std::optional<std::string> frames;
     {
       const GilReleased released;
-      piece = SnapshotReader(tree_.state()).read(after, last, most_bytes);
+      const SnapshotPiece piece = SnapshotReader(tree_.state()).read(after, last, most_bytes);
+      reached = piece.reached;
+      frames = pack(piece.frames.view());
     }
-    return nb::make_tuple(piece->reached, Frames(piece->frames));
+    return nb::make_tuple(reached, bytes_of(frames));
   }
 
  private:
@@ -80,7 +82,7 @@ void bind_change_log(nb::module_& m) {
       .def("read_snapshot", &Consumer::read_snapshot, nb::arg("after"), nb::arg("last"),
            nb::arg("most_bytes"))
       .def_prop_ro("last", &Consumer::last)
-      .def_prop_ro("bytes", &Consumer::bytes);
+      .def_prop_ro("nbytes", &Consumer::bytes);
 }
 
 }  // namespace ztf

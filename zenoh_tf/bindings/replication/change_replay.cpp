@@ -3,56 +3,12 @@
 // GIL: replaying releases it.
 #include "replication/change_replay.hpp"
 
-#include <algorithm>
-#include <cmath>
-#include <unordered_set>
-
-#include "bindings/replication/message_columns.hpp"
-#include "commits/validation.hpp"
-#include "replication/snapshot.hpp"
+#include "bindings/bindings.hpp"
+#include "replication/message.hpp"
 
 namespace ztf {
 
 namespace {
-
-// A version that is not one would leave a frame locked, or without a name.
-void check_versions(std::span<const Version> column) {
-  constexpr Version kBits = SeqLock::kWriting | SeqLock::kWriteLocked;
-  for (const Version version : column)
-    if (version == 0 || (version & kBits) != 0)
-      raise_invalid("version has " + std::to_string(version) + ", which no frame can have",
-                    "version");
-}
-
-// A pose that no commit accepts would make results infinite, or no number.
-void check_poses(std::span<const Pose> column) {
-  for (const Pose& p : column) {
-    const double norm2 = p.qx * p.qx + p.qy * p.qy + p.qz * p.qz + p.qw * p.qw;
-    if (!is_valid_translation(p) || !(std::abs(norm2 - 1) < 1e-2))
-      raise_invalid("pose has a value that no link can have", "pose");
-  }
-}
-
-// Names and authorities as texts that live as long as this object.
-struct Texts {
-  Texts(const Tree& tree, nb::handle name_list, nb::handle authority_list)
-      : name_objects(names_of(tree.options(), name_list, names, "names")),
-        authority_objects(names_of(tree.options(), authority_list, authorities, "authorities")) {
-    // A frame under two indexes would be locked twice, by a thread that waits for itself.
-    std::unordered_set<std::string_view> known(names.size());
-    for (const std::string_view name : names) {
-      if (name.empty()) raise_invalid("names has an empty name", "names");
-      if (name[0] == '/')
-        raise_invalid("names has " + quoted(name) + ", but no frame's name begins with '/'",
-                      "names");
-      if (has_zero(name)) raise_invalid("names has a name with a zero character", "names");
-      if (!known.insert(name).second) raise_invalid("names has a name twice", "names");
-    }
-  }
-
-  std::vector<std::string_view> names, authorities;
-  nb::tuple name_objects, authority_objects;
-};
 
 class Replay {
  public:
@@ -64,48 +20,76 @@ class Replay {
           "concurrency");
   }
 
-  void apply(Seq last, const Changes& changes) {
-    const Texts texts(tree_, changes.names, changes.authorities);
-    const ChangeColumns columns = changes.view(texts.names, texts.authorities);
-    check_versions(columns.version);
-    check_poses(columns.pose);
-    rejected_as_error([&] {
+  void apply(Seq last, const nb::bytes& message) {
+    rejected_as_error([&, data = view_of(message)] {
       const GilReleased released;
-      replay_.apply(columns, last);
+      const auto received = parse_changes(data);
+      check_replayable(received.columns, tree_.options());
+      replay_.apply(received.columns, last);
     });
   }
 
-  void load(const Frames& frames) {
-    const Texts texts(tree_, frames.names, frames.authorities);
-    const FrameColumns columns = frames.view(texts.names, texts.authorities);
-    check_versions(columns.version);
-    check_poses(columns.pose);
-    std::size_t samples = 0;
-    for (std::size_t i = 0; i < columns.frame.size(); ++i) {
-      const std::uint32_t count = columns.count[i];
-      if (columns.is_static[i] && count != 1)
-        raise_invalid("a static frame has one sample", "count");
-      check_stamps(columns.stamp.subspan(samples, count));
-      samples += count;
-    }
-    rejected_as_error([&] {
+  void load(const nb::bytes& message) {
+    rejected_as_error([&, data = view_of(message)] {
       const GilReleased released;
-      replay_.load(columns);
+      const auto received = parse_frames(data);
+      check_replayable(received.columns, tree_.options());
+      replay_.load(received.columns);
     });
   }
 
   void set_ever_reparented() { replay_.set_ever_reparented(); }
 
  private:
-  // A frame's samples must have ascending stamps.
-  static void check_stamps(std::span<const Stamp> stamps) {
-    for (std::size_t i = 1; i < stamps.size(); ++i)
-      if (stamps[i] <= stamps[i - 1]) raise_invalid("stamp must ascend in each frame", "stamp");
-  }
-
   Tree& tree_;
   ChangeReplay replay_;
 };
+
+// A message whose columns are read as arrays; its texts are views of it.
+template <auto parse>
+struct Unpacked {
+  explicit Unpacked(nb::bytes data)
+      : message(std::move(data)),
+        received(rejected_as_error([&] { return parse(view_of(message)); })) {}
+
+  Unpacked(const Unpacked&) = delete;
+  Unpacked& operator=(const Unpacked&) = delete;
+
+  nb::bytes message;
+  const decltype(parse({})) received;
+};
+
+nb::tuple texts_of(std::span<const std::string_view> texts) {
+  nb::list list;
+  for (const std::string_view text : texts) list.append(str_of(text));
+  return tuple_of(list);
+}
+
+// A view, which keeps the columns alive.
+template <class T>
+nb::object array_of(nb::handle self, std::span<const T> column) {
+  using Number = std::conditional_t<std::is_enum_v<T>, std::uint8_t,
+                                    std::conditional_t<std::is_same_v<T, Pose>, double, T>>;
+  const std::size_t shape[] = {column.size(), sizeof(T) / sizeof(Number)};
+  return nb::cast(
+      nb::ndarray<nb::numpy, const Number>(column.data(), shape[1] == 1 ? 1 : 2, shape, self));
+}
+
+template <auto parse>
+void bind_unpacked(nb::module_& m, const char* name) {
+  using Message = Unpacked<parse>;
+  auto type = nb::class_<Message>(m, name)
+                  .def(nb::init<nb::bytes>(), nb::arg("message"))
+                  .def_prop_ro("names", [](const Message& m) { return texts_of(m.received.names); })
+                  .def_prop_ro("authorities",
+                               [](const Message& m) { return texts_of(m.received.authorities); });
+  using Columns = std::remove_cvref_t<decltype(Message::received.columns)>;
+  Columns::each_column([&](const char* field, auto column) {
+    type.def_prop_ro(field, [column](nb::handle self) {
+      return array_of(self, nb::cast<const Message&>(self).received.columns.*column);
+    });
+  });
+}
 
 }  // namespace
 
@@ -115,6 +99,8 @@ void bind_change_replay(nb::module_& m) {
       .def("apply", &Replay::apply, nb::arg("last"), nb::arg("changes"))
       .def("load", &Replay::load, nb::arg("frames"))
       .def("set_ever_reparented", &Replay::set_ever_reparented);
+  bind_unpacked<parse_changes>(m, "Changes");
+  bind_unpacked<parse_frames>(m, "Frames");
 }
 
 }  // namespace ztf

@@ -8,7 +8,8 @@
 #include <chrono>
 #include <thread>
 
-#include "bindings/replication/message_columns.hpp"
+#include "bindings/bindings.hpp"
+#include "replication/message.hpp"
 
 namespace ztf {
 
@@ -21,14 +22,15 @@ class Interest {
 
   // (seq, ever_reparented, changes, all)
   nb::tuple read(bool with_all, std::size_t max_frames) {
+    std::optional<std::string> changes, all;
     const InterestReader::Result result = rejected_as_error([&] {
       const GilReleased released;
-      return reader_.read(with_all, max_frames);
+      InterestReader::Result found = reader_.read(with_all, max_frames);
+      if (!found.changes.kind.empty()) changes = pack(found.changes.view());
+      if (with_all) all = pack(found.all.view());
+      return found;
     });
-    nb::object changes = nb::none(), all = nb::none();
-    if (!result.changes.kind.empty()) changes = nb::cast(Changes(result.changes));
-    if (with_all) all = nb::cast(Changes(result.all));
-    return nb::make_tuple(result.seq, result.ever_reparented, changes, all);
+    return nb::make_tuple(result.seq, result.ever_reparented, bytes_of(changes), bytes_of(all));
   }
   [[nodiscard]] bool has_changed() const { return reader_.has_changed(); }
   [[nodiscard]] std::size_t frames() const { return reader_.frames(); }

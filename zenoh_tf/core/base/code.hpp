@@ -20,6 +20,7 @@ enum class Code : std::uint8_t {
   forward = 9,
   conflict = 10,
   limit = 11,
+  protocol = 16,
   gap = 22,
   starting = 23,
 };

@@ -32,7 +32,7 @@ inline std::string_view stripped(std::string_view name) noexcept {
 }
 
 // Returns whether a name has a zero character, which ends a text in other languages. Decoders give
-// one to names that are no text (bindings/messages/cdr.cpp).
+// one to names that are no text (messages/cdr.hpp).
 inline bool has_zero(std::string_view name) noexcept {
   return name.find('\0') != std::string_view::npos;
 }

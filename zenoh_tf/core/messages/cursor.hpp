@@ -8,12 +8,34 @@
 // Thread safety: an object is for one thread.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
 #include <string_view>
+#include <vector>
 
 namespace ztf {
+
+inline bool is_utf8(std::string_view text) noexcept {
+  const auto* at = reinterpret_cast<const unsigned char*>(text.data());
+  const auto* const end = at + text.size();
+  while (at != end) {
+    const unsigned char head = *at++;
+    if (head < 0x80) continue;
+    if (head < 0xc2 || head > 0xf4) return false;
+    // The second byte excludes overlong forms, surrogates and what is above U+10FFFF.
+    unsigned char least = head == 0xe0 ? 0xa0 : head == 0xf0 ? 0x90 : 0x80;
+    unsigned char most = head == 0xed ? 0x9f : head == 0xf4 ? 0x8f : 0xbf;
+    for (int more = head < 0xe0 ? 1 : head < 0xf0 ? 2 : 3; more != 0; --more) {
+      if (at == end || *at < least || *at > most) return false;
+      ++at;
+      least = 0x80;
+      most = 0xbf;
+    }
+  }
+  return true;
+}
 
 // What a value begins with.
 struct MessageHead {
@@ -58,6 +80,14 @@ class MessageCursor {
     if (!head(found) || found.kind != MessageHead::Kind::list || found.size > left()) return false;
     entries = found.size;
     return true;
+  }
+  // A list of at most so many texts in UTF-8. Throws bad_alloc.
+  bool names(std::size_t most, std::vector<std::string_view>& names) {
+    std::size_t count = 0;
+    if (!list(count) || count > most) return false;
+    names.resize(count);
+    return std::ranges::all_of(names,
+                               [&](std::string_view& name) { return text(name) && is_utf8(name); });
   }
 
  private:

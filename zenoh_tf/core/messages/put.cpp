@@ -25,34 +25,6 @@ T entry(std::string_view column, std::size_t i) {
   return value;
 }
 
-bool is_utf8(std::string_view text) noexcept {
-  const auto* at = reinterpret_cast<const unsigned char*>(text.data());
-  const auto* const end = at + text.size();
-  while (at != end) {
-    const unsigned char head = *at++;
-    if (head < 0x80) continue;
-    if (head < 0xc2 || head > 0xf4) return false;
-    // The second byte excludes overlong forms, surrogates and what is above U+10FFFF.
-    unsigned char least = head == 0xe0 ? 0xa0 : head == 0xf0 ? 0x90 : 0x80;
-    unsigned char most = head == 0xed ? 0x9f : head == 0xf4 ? 0x8f : 0xbf;
-    for (int more = head < 0xe0 ? 1 : head < 0xf0 ? 2 : 3; more != 0; --more) {
-      if (at == end || *at < least || *at > most) return false;
-      ++at;
-      least = 0x80;
-      most = 0xbf;
-    }
-  }
-  return true;
-}
-
-bool parse_names(MessageCursor& cursor, std::size_t most, std::vector<std::string_view>& names) {
-  std::size_t count = 0;
-  if (!cursor.list(count) || count > most) return false;
-  names.resize(count);
-  return std::ranges::all_of(
-      names, [&](std::string_view& name) { return cursor.text(name) && is_utf8(name); });
-}
-
 }  // namespace
 
 std::optional<std::vector<Row>> rows_of(const RowColumns& columns, std::size_t names) {
@@ -97,7 +69,7 @@ std::optional<PutMessage> parse_put(std::string_view message, const PutLimits& l
     found |= bit;
     if (field->column ? !cursor.binary(*field->column)
         : key == "v"  ? !cursor.raw("\x01")
-                      : !parse_names(cursor, kNamesPerRow * limits.rows, put.names))
+                      : !cursor.names(kNamesPerRow * limits.rows, put.names))
       return {};
   }
   if (!cursor.at_end()) return {};

@@ -3,6 +3,7 @@
 #include <bit>
 
 #include "messages/cursor.hpp"
+#include "messages/writer.hpp"
 
 namespace ztf {
 
@@ -36,48 +37,21 @@ constexpr std::string_view kEnvelope =
     "\xa1v\x01"
     "\xa8instance"sv;
 
-constexpr std::size_t kShortText = 31;
 static_assert(sizeof(Pose) == 7 * sizeof(double));
-
-class Writer {
- public:
-  Writer& raw(std::string_view bytes) {
-    out_.append(bytes);
-    return *this;
-  }
-  template <class T>
-  Writer& number(const T& value) {
-    out_.append(reinterpret_cast<const char*>(&value), sizeof value);
-    return *this;
-  }
-  Writer& text(std::string_view text) {
-    if (text.size() <= kShortText) {
-      out_.push_back(static_cast<char>(0xa0 | text.size()));
-    } else {
-      out_.push_back('\xd9');
-      out_.push_back(static_cast<char>(text.size()));
-    }
-    return raw(text);
-  }
-  std::string take() { return std::move(out_); }
-
- private:
-  std::string out_;
-};
 
 }  // namespace
 
 std::optional<std::string> pack_single_lookup(const SingleLookup& lookup) {
   if (lookup.target.size() > kMaxSingleText || lookup.source.size() > kMaxSingleText) return {};
-  return Writer()
+  return MessageWriter()
       .raw(kNames)
       .text(lookup.target)
       .text(lookup.source)
       .raw(kOp)
-      .number(lookup.op)
+      .entry(lookup.op)
       .raw(kIndexes)
       .raw(kStamp)
-      .number(lookup.stamp)
+      .entry(lookup.stamp)
       .take();
 }
 
@@ -94,15 +68,15 @@ std::optional<SingleLookup> parse_single_lookup(std::string_view message) {
 std::optional<std::string> pack_single_answer(const SingleAnswer& answer,
                                               std::string_view instance) {
   if (instance.size() > kMaxSingleText) return {};
-  Writer writer;
+  MessageWriter writer;
   writer.raw(answer.newest ? kSevenFields : kSixFields)
       .raw(kStatus)
       .raw(kStamp)
-      .number(answer.stamp)
+      .entry(answer.stamp)
       .raw(kPose)
-      .number(answer.pose)
+      .entry(answer.pose)
       .raw(kNoErrors);
-  if (answer.newest) writer.raw(kNewest).number(*answer.newest);
+  if (answer.newest) writer.raw(kNewest).entry(*answer.newest);
   return writer.raw(kEnvelope).text(instance).take();
 }
 

@@ -1,6 +1,6 @@
 // The folder `replication/`: copies of a tree in other processes.
 // In: a tree and its change log. Out: snapshots, changes, and a mirror that has replayed them.
-// It may include base, records, histories, tree_state.hpp, commits.
+// It may include base, records, histories, tree_state.hpp, commits, messages.
 //
 // Replaying another tree's snapshot and change log into this one, which is then its mirror.
 //

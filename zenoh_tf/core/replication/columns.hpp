@@ -70,6 +70,19 @@ struct BasicChangeColumns {
   Column<Pose> pose;
   // By change of the kind `orphaned`: the parent that samples lost, or kNoParent.
   Column<std::uint32_t> lost;
+
+  // Calls visit(name, column) for each column, in the order of a message.
+  template <class Visit>
+  static void each_column(Visit&& visit) {
+    visit("kind", &BasicChangeColumns::kind);
+    visit("frame", &BasicChangeColumns::frame);
+    visit("version", &BasicChangeColumns::version);
+    visit("parent", &BasicChangeColumns::parent);
+    visit("authority", &BasicChangeColumns::authority);
+    visit("stamp", &BasicChangeColumns::stamp);
+    visit("pose", &BasicChangeColumns::pose);
+    visit("lost", &BasicChangeColumns::lost);
+  }
 };
 using ChangeColumns = BasicChangeColumns<ColumnView, ColumnView<std::string_view>>;
 
@@ -87,6 +100,18 @@ struct BasicFrameColumns {
   Column<Stamp> stamp;
   Column<std::uint32_t> parent;
   Column<Pose> pose;
+
+  template <class Visit>
+  static void each_column(Visit&& visit) {
+    visit("frame", &BasicFrameColumns::frame);
+    visit("version", &BasicFrameColumns::version);
+    visit("static", &BasicFrameColumns::is_static);
+    visit("authority", &BasicFrameColumns::authority);
+    visit("count", &BasicFrameColumns::count);
+    visit("stamp", &BasicFrameColumns::stamp);
+    visit("parent", &BasicFrameColumns::parent);
+    visit("pose", &BasicFrameColumns::pose);
+  }
 };
 using FrameColumns = BasicFrameColumns<ColumnView, ColumnView<std::string_view>>;
 
