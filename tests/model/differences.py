@@ -27,8 +27,8 @@ DECISIONS = {
     "F07": "tf2 accepts cycles: what would close one is not given to it; a loop of a past time "
     "above the frames' meeting point fails a lookup in tf2",
     "F06": "before geometry2#832 tf2 names the first link without data, not the farthest",
-    "F06b": "of a lookup without a time, tf2 names a link that lacks a sample, not the one that had "
-    "ended before that began",
+    "F06b": "of a lookup without a time, tf2 names a link that lacks a sample, not the one that "
+    "had ended before that began",
     "B12": "ROS 1's tf2 ignores a repeated stamp; ROS 2's and this tree have other rules",
     "C06": "in ROS 1's tf2 a frame's first write says for ever whether it is static",
     "C07": "tf2 has no data at a time above a cleared frame; here it is a root like others",
