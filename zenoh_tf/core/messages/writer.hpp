@@ -31,6 +31,16 @@ class MessageWriter {
   MessageWriter& binary(std::string_view bytes) {
     return head({0, 0, 0xc4, 0xc5, 0xc6}, bytes.size()).raw(bytes);
   }
+  // An entry of a map with the bytes of a column, at a multiple of 8 from the begin. Before it
+  // comes an entry of the empty key, with as many bytes as that takes.
+  MessageWriter& column(std::string_view key, std::string_view bytes) {
+    const std::size_t heads = 3 + key.size() + 1 +
+                              (bytes.size() < 1 << 8    ? 2
+                               : bytes.size() < 1 << 16 ? 3
+                                                        : 5);
+    const std::string_view padding("\0\0\0\0\0\0\0", (0 - (out_.size() + heads)) % 8);
+    return text("").binary(padding).text(key).binary(bytes);
+  }
   MessageWriter& list(std::size_t entries) { return head({0x90, 16, 0, 0xdc, 0xdd}, entries); }
   MessageWriter& map(std::size_t keys) { return head({0x80, 16, 0, 0xde, 0xdf}, keys); }
 

@@ -2,6 +2,7 @@
 
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <numeric>
 #include <optional>
@@ -37,7 +38,7 @@ template <class Columns>
 std::string pack_columns(const Columns& columns) {
   std::size_t fields = 2, bytes = 256;
   Columns::each_column([&](const char*, auto of_columns) {
-    ++fields;
+    fields += 2;
     bytes += (columns.*of_columns).size_bytes();
   });
   MessageWriter out(bytes);
@@ -50,7 +51,7 @@ std::string pack_columns(const Columns& columns) {
   add_texts("authorities", columns.authorities);
   Columns::each_column([&](const char* field, auto of_columns) {
     const auto column = std::as_bytes(columns.*of_columns);
-    out.text(field).binary({reinterpret_cast<const char*>(column.data()), column.size()});
+    out.column(field, {reinterpret_cast<const char*>(column.data()), column.size()});
   });
   return out.take();
 }
@@ -64,8 +65,9 @@ Received<Columns> parse_columns(std::string_view message, const char* what) {
     reject_malformed(what, "the map of its columns");
   Received<Columns> received;
   const auto find = [&](const char* field) {
-    std::string_view key;
-    if (map.size-- == 0 || !cursor.text(key) || key != field)
+    std::string_view key, padding;
+    const auto next = [&] { return map.size-- != 0 && cursor.text(key); };
+    if (!next() || (key.empty() && !(cursor.binary(padding) && next())) || key != field)
       reject_malformed(field, "in its place in " + quoted(what));
   };
   find("names");
@@ -75,21 +77,23 @@ Received<Columns> parse_columns(std::string_view message, const char* what) {
     reject_malformed("authorities", "a list of texts");
   received.columns.names = received.names;
   received.columns.authorities = received.authorities;
-  Columns::each_column(
-      [&]<class T, class Of>(const char* field, std::span<const T> Of::* of_columns) {
-        find(field);
-        std::string_view bytes;
-        if (!cursor.binary(bytes)) reject_malformed(field, "binary");
-        if (bytes.size() % sizeof(T) != 0)
-          reject_malformed(field, "a multiple of " + std::to_string(sizeof(T)) + " bytes, not " +
-                                      std::to_string(bytes.size()));
-        if (bytes.empty()) return;
-        // Copied, because a column in a message is not aligned.
-        auto& values = received.values.emplace_back(new std::byte[bytes.size()]);
-        std::memcpy(values.get(), bytes.data(), bytes.size());
-        received.columns.*
-            of_columns = {reinterpret_cast<const T*>(values.get()), bytes.size() / sizeof(T)};
-      });
+  Columns::each_column([&]<class T, class Of>(const char* field,
+                                              std::span<const T> Of::* of_columns) {
+    std::string_view bytes;
+    find(field);
+    if (!cursor.binary(bytes)) reject_malformed(field, "binary");
+    if (bytes.size() % sizeof(T) != 0)
+      reject_malformed(field, "a multiple of " + std::to_string(sizeof(T)) + " bytes, not " +
+                                  std::to_string(bytes.size()));
+    if (bytes.empty()) return;
+    const char* values = bytes.data();
+    if (reinterpret_cast<std::uintptr_t>(values) % alignof(T) != 0) {
+      auto& copy = received.values.emplace_back(new std::byte[bytes.size()]);
+      std::memcpy(copy.get(), values, bytes.size());
+      values = reinterpret_cast<const char*>(copy.get());
+    }
+    received.columns.*of_columns = {reinterpret_cast<const T*>(values), bytes.size() / sizeof(T)};
+  });
   if (map.size == 0 && !cursor.at_end()) reject_malformed(what, "a map and nothing else");
   return received;
 }

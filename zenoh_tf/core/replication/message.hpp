@@ -1,5 +1,6 @@
 // Changes and frames as messages: a MessagePack map of two lists of texts, and a binary for each
-// column (docs/reference/protocol.md, "stream").
+// column (docs/reference/protocol.md, "stream"). In a message that begins at a multiple of 8, all
+// columns do, so that they are read where they are.
 //
 // Thread safety: functions of their arguments.
 #pragma once
@@ -19,7 +20,7 @@ namespace ztf {
 std::string pack(const ChangeColumns& changes);
 std::string pack(const FrameColumns& frames);
 
-// The columns of a message; their texts are views of it.
+// The columns of a message: views of it, or copies where it is not aligned.
 template <class Columns>
 struct Received {
   Columns columns;
