@@ -12,10 +12,10 @@ endif
 LOCK := $(if $(shell command -v flock),flock .venv.lock)
 
 CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_tf/*.pyi zenoh_tf/_core_stubs/*.pyi)
-CPP := $(shell find zenoh_tf tests bench -name "*.?pp")
+CPP := $(shell find include zenoh_tf tests bench examples -name "*.[ch]pp" -o -name "*.[ch]")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 setup check test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
+.PHONY: help native demo demo-ros2 cpp-example setup check test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
 	coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
@@ -45,6 +45,9 @@ demo: .venv/native.stamp ## a server, sensors and clients, in under 20 s (after 
 
 demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in under 20 s
 	@$(BIN)/python examples/demo_ros2.py
+
+cpp-example: .venv/runtime.stamp ## libzenoh_tf, and a program in C and one in C++ that use it
+	@$(LOCK) sh scripts/cpp_example.sh
 
 # More than cores, as tests also wait.
 WORKERS ?= 3

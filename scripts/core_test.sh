@@ -20,7 +20,7 @@ for variant in "$@"; do
     sanitizer=$variant
     [ "$variant" = plain ] && sanitizer=
     cmake -S zenoh_tf/core -B "build/core-$variant" -G Ninja --log-level=WARNING \
-        -DZTF_BUILD_TESTS=ON -DZTF_WERROR=ON "-DZTF_SANITIZE=$sanitizer"
+        -DZTF_BUILD_TESTS=ON -DZTF_BUILD_LIBRARY=ON -DZTF_WERROR=ON "-DZTF_SANITIZE=$sanitizer"
     # shellcheck disable=SC2086 # several words
     cmake --build "build/core-$variant" --target $targets -- --quiet
     [ "$run" ] || continue

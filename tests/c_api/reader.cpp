@@ -1,0 +1,135 @@
+// Reads a tree on behalf of a test: a command on each line of its input, a reply on each of its
+// output. Words are separated by spaces.
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+#include <memory>
+#include <sstream>
+#include <thread>
+
+#include "zenoh_tf/zenoh_tf.hpp"
+
+namespace {
+
+using zenoh_tf::Answer;
+using zenoh_tf::Pose;
+using zenoh_tf::Stamp;
+using zenoh_tf::Tree;
+
+// A stamp; "-" is none.
+Stamp stamp_of(std::istream& words) {
+  std::string text;
+  words >> text;
+  return text == "-" ? zenoh_tf::kNoStamp : std::stoll(text);
+}
+
+std::chrono::milliseconds ms_of(std::istream& words) {
+  long ms = 0;
+  words >> ms;
+  return std::chrono::milliseconds(ms);
+}
+
+std::string shown(const Answer& answer) {
+  const Pose& p = answer.pose;
+  std::ostringstream text;
+  text.precision(17);
+  text << answer.stamp_ns << ' ' << p.x << ' ' << p.y << ' ' << p.z << ' ' << p.qx << ' ' << p.qy
+       << ' ' << p.qz << ' ' << p.qw;
+  return text.str();
+}
+
+// Looks up all the time, and counts. All poses must have x = 0: a torn read has not.
+class Watch {
+ public:
+  Watch(const Tree& tree, const std::string& target, const std::string& source)
+      : pair_(tree.pair(target, source)), thread_([this] { run(); }) {}
+  ~Watch() {
+    done_ = true;
+    thread_.join();
+  }
+  std::atomic<long> answered{0}, unavailable{0}, busy{0}, torn{0}, other{0};
+
+ private:
+  void run() {
+    Answer answer;
+    while (!done_) {
+      const ztf_code code = pair_.try_lookup(ZTF_LATEST_XACT, 0, answer);
+      if (code == ZTF_OK) {
+        ++answered;
+        if (std::abs(answer.pose.x) > 1e-6) ++torn;
+      } else {
+        ++(code == ZTF_SERVER_UNAVAILABLE ? unavailable : code == ZTF_SERVER_BUSY ? busy : other);
+      }
+    }
+  }
+
+  zenoh_tf::Pair pair_;
+  std::atomic<bool> done_{false};
+  std::thread thread_;
+};
+
+std::unique_ptr<Tree> tree;
+std::unique_ptr<Watch> watch;
+
+std::string run(const std::string& command, std::istream& words) {
+  std::string a, b, c;
+  std::ostringstream reply;
+  if (command == "create") {
+    zenoh_tf::Options options;
+    options.cache_time_ns = 1000000 * ms_of(words).count();
+    tree.reset(new Tree(options));
+  } else if (command == "open") {
+    words >> a >> b;
+    if (b == "default") b.clear();
+    tree.reset(new Tree(Tree::open(a, b, ms_of(words))));
+  } else if (command == "set") {
+    words >> a >> b;
+    const Stamp stamp = stamp_of(words);
+    bool is_static = false;
+    Pose p;
+    words >> is_static >> p.x >> p.y >> p.z >> p.qx >> p.qy >> p.qz >> p.qw;
+    tree->set(a, b, stamp, p, "", is_static);
+  } else if (command == "lookup") {
+    words >> a >> b;
+    const Stamp stamp = stamp_of(words);
+    return shown(tree->lookup(a, b, stamp, ms_of(words)));
+  } else if (command == "full") {
+    words >> a;
+    const Stamp target_stamp = stamp_of(words);
+    words >> b;
+    const Stamp source_stamp = stamp_of(words);
+    words >> c;
+    return shown(tree->lookup_full(a, target_stamp, b, source_stamp, c));
+  } else if (command == "server") {
+    const ztf_server server = tree->server();
+    reply << server.mapped << ' ' << server.instance;
+  } else if (command == "watch") {
+    words >> a >> b;
+    watch.reset(new Watch(*tree, a, b));
+  } else if (command == "watched") {
+    reply << watch->answered << ' ' << watch->unavailable << ' ' << watch->busy << ' '
+          << watch->torn << ' ' << watch->other;
+  } else {
+    throw std::invalid_argument("unknown command " + command);
+  }
+  return reply.str();
+}
+
+}  // namespace
+
+int main() {
+  for (std::string line; std::getline(std::cin, line);) {
+    std::istringstream words(line);
+    std::string command;
+    words >> command;
+    try {
+      const std::string reply = run(command, words);
+      std::cout << "ok " << reply << std::endl;
+    } catch (const zenoh_tf::TransformException& error) {
+      std::cout << ztf_code_name(error.code()) << ' ' << error.what() << std::endl;
+    }
+  }
+  watch.reset();
+}
