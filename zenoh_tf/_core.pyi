@@ -30,6 +30,7 @@ from zenoh_tf._core_stubs.shared import AskServer as AskServer
 from zenoh_tf._core_stubs.shared import LeaseKeeper as LeaseKeeper
 from zenoh_tf._core_stubs.shared import RegionRefused as RegionRefused
 from zenoh_tf._core_stubs.shared import SharedTree as SharedTree
+from zenoh_tf._core_stubs.shared import ask_absent as ask_absent
 from zenoh_tf._core_stubs.transform import LatestTransform as LatestTransform
 from zenoh_tf._core_stubs.transform import Rows as Rows
 from zenoh_tf._core_stubs.transform import StampedTransform as StampedTransform

@@ -26,6 +26,9 @@ class AskServer(enum.Enum):
     UNREADABLE = ...
     ABSENT = ...
 
+# AskServer.ABSENT, whatever the arguments.
+def ask_absent(*arguments: object, **named: object) -> AskServer: ...
+
 class SharedTree(Reads[AskServer]):
     # A tree of another process; see zenoh_tf.shared_tree.
     def __init__(self, fd: int) -> None: ...  # does not keep it; RegionRefused says why not

@@ -307,8 +307,12 @@ def items(message: Message, field: str) -> list[Any]:
 
 def fields_of(record: Any) -> Message:
     """The fields of a dataclass with slots, by their names; without those that are None."""
-    values = ((name, getattr(record, name)) for name in record.__slots__)
-    return {name: value for name, value in values if value is not None}
+    fields: Message = {}
+    for name in record.__slots__:
+        value = getattr(record, name)
+        if value is not None:
+            fields[name] = value
+    return fields
 
 
 def binary(message: Message, field: str) -> bytes:

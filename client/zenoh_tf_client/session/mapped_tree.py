@@ -20,6 +20,7 @@ import weakref
 from typing import Any, Final, Literal, Protocol, cast
 
 from zenoh_tf import threads
+from zenoh_tf._core import ask_absent
 from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import NotTrusted
 from zenoh_tf._zenoh.calls import is_forked
@@ -76,18 +77,14 @@ COUNTERS: Final = {
 log = logging.getLogger("zenoh_tf.client")
 
 
-def _absent(*_: object, _absent: AskServer = AskServer.ABSENT, **__: object) -> AskServer:
-    return _absent
-
-
 class _NoTree:
     """Stands for the server's memory where it is not mapped."""
 
     lease_left_s = 0.0
 
     def __getattr__(self, name: str) -> Any:
-        setattr(self, name, _absent)  # the next call finds it at once
-        return _absent
+        setattr(self, name, ask_absent)  # the next call finds it at once
+        return ask_absent
 
 
 NO_TREE: Final = cast(SharedTree, _NoTree())

@@ -30,6 +30,8 @@ void bind_shared_tree(nb::module_& m) {
       .value("WAITING", Reason::waiting)
       .value("UNREADABLE", Reason::unreadable)
       .value("ABSENT", Reason::absent);
+  // In the place of every method of a tree that is not mapped. Native, as each query passes it.
+  m.def("ask_absent", [](const nb::args&, const nb::kwargs&) { return Reason::absent; });
   nb::exception<RegionRefused>(m, "RegionRefused", PyExc_ValueError);
 
   m.attr("LAYOUT") = nb::make_tuple(kLayoutVersion, kLayoutHash);
