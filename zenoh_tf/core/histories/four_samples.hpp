@@ -51,6 +51,12 @@ ZTF_ALWAYS_INLINE Double4 interpolation_ratios(const SampleInterval& a, const Sa
           component(&Pose::qy), component(&Pose::qz), component(&Pose::qw)};
 }
 
+// As detail::slerp_weights(). A call, so that it takes no registers from slower links.
+[[gnu::noinline]] inline void slerp_weights4(const Double4& versine, const Double4& ratio,
+                                             Double4& wa, Double4& wb) noexcept {
+  detail::slerp_weights(versine, ratio, wa, wb);
+}
+
 // Interpolates each of the four, and raises `longest` to the nanoseconds between its samples.
 // Computes the rotations first, to keep fewer values in registers.
 ZTF_ALWAYS_INLINE Pose4 interpolate(const SampleInterval& a, const SampleInterval& b,
@@ -69,7 +75,7 @@ ZTF_ALWAYS_INLINE Pose4 interpolate(const SampleInterval& a, const SampleInterva
   if (const double most = largest(versine); most < detail::kSmallVersine) [[likely]]
     detail::slerp_small_weights(versine, ratio, wa, wb);
   else if (most < detail::kMaxVersine)
-    detail::slerp_weights(versine, ratio, wa, wb);
+    slerp_weights4(versine, ratio, wa, wb);
   else
     return interpolate_each({&a, &b, &c, &d}, ratio);
   wb = flip_sign(wb, sign);
