@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kHeader = 4;               // the encapsulation; alignment counts from its end
 constexpr std::size_t kMinRow = 8 + 4 + 4 + 56;  // stamp, two empty names, seven numbers
 constexpr std::size_t kMaxPadding = 3;           // behind the last row, up to a multiple of four
-constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::int64_t kSecondNs = 1'000'000'000;
 
 template <class T>
 T byte_swapped(T value) {
@@ -96,7 +96,7 @@ void TfMessageScan::read_row() {
   double* number = pose.data();
   for (const char* field : {"x", "y", "z"}) *number++ = in("transform.translation.", field);
   for (const char* field : {"x", "y", "z", "w"}) *number++ = in("transform.rotation.", field);
-  const Stamp stamp = rest < kSecond ? seconds * kSecond + rest : kNoStamp;  // refused by itself
+  const Stamp stamp = rest < kSecondNs ? seconds * kSecondNs + rest : kNoStamp;  // refused by itself
   rows.push_back({parent, child, stamp, std::bit_cast<Pose>(pose)});
 }
 
