@@ -96,7 +96,8 @@ void TfMessageScan::read_row() {
   double* number = pose.data();
   for (const char* field : {"x", "y", "z"}) *number++ = in("transform.translation.", field);
   for (const char* field : {"x", "y", "z", "w"}) *number++ = in("transform.rotation.", field);
-  const Stamp stamp = rest < kSecondNs ? seconds * kSecondNs + rest : kNoStamp;  // refused by itself
+  const Stamp stamp =
+      rest < kSecondNs ? seconds * kSecondNs + rest : kNoStamp;  // refused by itself
   rows.push_back({parent, child, stamp, std::bit_cast<Pose>(pose)});
 }
 
