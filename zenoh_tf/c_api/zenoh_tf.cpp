@@ -549,7 +549,7 @@ ztf_code ztf_lookup_xact(const ztf_tree* tree, ztf_op op, const ztf_frame* targe
                          const ztf_frame* sources, size_t count, int64_t stamp_ns, ztf_pose* poses,
                          int64_t* stamps_ns, ztf_error* error) {
   return guarded(tree, error, [&] {
-    const Op kind = op_of(op, stamp_ns) == Op::latest ? Op::latest_xact : op_of(op, stamp_ns);
+    const Op asked = op_of(op, stamp_ns), kind = asked == Op::latest ? Op::latest_xact : asked;
     return read(tree, [&](const auto& of, std::uint64_t number) {
       SmallVector<Query, 16> queries;
       SmallVector<Answer, 16> answers;

@@ -25,20 +25,16 @@ class MessageWriter {
   MessageWriter& entry(const T& value) {
     return raw({reinterpret_cast<const char*>(&value), sizeof value});
   }
-  MessageWriter& text(std::string_view text) {
-    return head({0xa0, 32, 0xd9, 0xda, 0xdb}, text.size()).raw(text);
-  }
-  MessageWriter& binary(std::string_view bytes) {
-    return head({0, 0, 0xc4, 0xc5, 0xc6}, bytes.size()).raw(bytes);
-  }
+  MessageWriter& text(std::string_view text) { return head(kText, text.size()).raw(text); }
+  MessageWriter& binary(std::string_view bytes) { return head(kBinary, bytes.size()).raw(bytes); }
   // An entry of a map with the bytes of a column, at a multiple of 8 from the begin. Before it
   // comes an entry of the empty key, with as many bytes as that takes.
   MessageWriter& column(std::string_view key, std::string_view bytes) {
-    const std::size_t heads = 3 + key.size() + 1 +
-                              (bytes.size() < 1 << 8    ? 2
-                               : bytes.size() < 1 << 16 ? 3
-                                                        : 5);
-    const std::string_view padding("\0\0\0\0\0\0\0", (0 - (out_.size() + heads)) % 8);
+    const std::string_view zeros("\0\0\0\0\0\0\0", 7);
+    const std::size_t heads = head_bytes(kText, 0) + head_bytes(kBinary, zeros.size()) +
+                              head_bytes(kText, key.size()) + key.size() +
+                              head_bytes(kBinary, bytes.size());
+    const std::string_view padding = zeros.substr(0, (0 - (out_.size() + heads)) % 8);
     return text("").binary(padding).text(key).binary(bytes);
   }
   MessageWriter& list(std::size_t entries) { return head({0x90, 16, 0, 0xdc, 0xdd}, entries); }
@@ -53,11 +49,17 @@ class MessageWriter {
     std::uint8_t fixed, fixed_below, one, two, four;
   };
 
+  static constexpr Forms kText{0xa0, 32, 0xd9, 0xda, 0xdb}, kBinary{0, 0, 0xc4, 0xc5, 0xc6};
+
+  static constexpr std::size_t head_bytes(const Forms& forms, std::size_t size) noexcept {
+    if (size < forms.fixed_below) return 1;
+    return forms.one != 0 && size < 1 << 8 ? 2 : size < 1 << 16 ? 3 : 5;
+  }
   MessageWriter& head(const Forms& forms, std::size_t size) {
-    if (size < forms.fixed_below) return byte(forms.fixed | size);
-    const bool is_one = forms.one != 0 && size < 1 << 8, is_two = size < 1 << 16;
-    byte(is_one ? forms.one : is_two ? forms.two : forms.four);
-    for (int bits = is_one ? 8 : is_two ? 16 : 32; bits != 0; bits -= 8) byte(size >> (bits - 8));
+    const std::size_t bytes = head_bytes(forms, size);
+    if (bytes == 1) return byte(forms.fixed | size);
+    byte(bytes == 2 ? forms.one : bytes == 3 ? forms.two : forms.four);
+    for (std::size_t bits = 8 * (bytes - 1); bits != 0; bits -= 8) byte(size >> (bits - 8));
     return *this;
   }
   MessageWriter& byte(std::size_t value) {
