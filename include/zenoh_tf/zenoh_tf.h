@@ -1,8 +1,9 @@
 /* The transform tree for C: one that this process has, or that of a server on this host.
  *
  * A server's tree is read in the server's memory, as its Python clients read it: no message is sent
- * and nothing is copied. Such a tree can be read only. If its server ends, lookups fail with
- * ZTF_SERVER_UNAVAILABLE until another one has the tree; they then continue by themselves.
+ * and nothing is copied. Its writes go to the server over Zenoh, see ztf_write_through(). If its
+ * server ends, lookups fail with ZTF_SERVER_UNAVAILABLE until another one has the tree; they then
+ * continue by themselves.
  *
  * Notation: a pose X_target_source maps a point's coordinates in source to coordinates in target.
  * Metres; unit quaternions x, y, z, w; stamps and durations in nanoseconds.
@@ -49,16 +50,21 @@ typedef enum ztf_code {
   ZTF_LOOKUP = 2,              /* a frame does not exist, or the path is too long or a loop */
   ZTF_CONNECTIVITY = 3,        /* no path connects the frames */
   ZTF_INVALID_ARGUMENT = 4,    /* `field` names the argument */
+  ZTF_TIMEOUT = 5,             /* a write was not done in its time, and never will be */
   ZTF_EXTRAPOLATION = 6,       /* a link has no data for the time: one of the next three */
   ZTF_NO_DATA = 7,             /* it has a single sample, at another time */
   ZTF_BACKWARD = 8,            /* the time is older than its oldest sample */
   ZTF_FORWARD = 9,             /* the time is newer than its newest sample */
+  ZTF_CONFLICT = 10,           /* what a transaction has read was changed before its commit */
   ZTF_LIMIT = 11,              /* a limit is reached, or no memory is left */
   ZTF_SERVER_UNAVAILABLE = 13, /* no server has the tree, or it has stopped */
+  ZTF_OUTCOME_UNKNOWN = 14,    /* no reply in time: the write was done, or never will be */
+  ZTF_SERVER_RESTARTED = 15,   /* the write was not done: another server has the tree */
   ZTF_PROTOCOL = 16,           /* the server has another version, or its memory is corrupt */
   ZTF_SERVER_BUSY = 17,        /* writers changed what was read again and again */
   ZTF_ACCESS_DENIED = 18,      /* the server's socket is not for this user, or another user's */
-  ZTF_READ_ONLY = 20,          /* a write to a server's tree */
+  ZTF_NOT_DURABLE = 19,        /* the write was done, but is not on the server's disk yet */
+  ZTF_READ_ONLY = 20,          /* a write to a replica, or without ztf_write_through() */
   ZTF_GAP = 22,                /* samples are farther apart than max_gap_ns */
   ZTF_SERVER_STARTING = 23,    /* ZTF_LOOKUP, but the server has just started: ask again */
   ZTF_STALE_FRAME = 64,        /* a ztf_frame of another tree, or whose id was given away */
@@ -152,7 +158,11 @@ typedef struct ztf_server {
 /* Says which server a tree is read from. ZTF_INVALID_ARGUMENT for a tree of this process. */
 ZTF_API ztf_code ztf_server_state(const ztf_tree* tree, ztf_server* server, ztf_error* error);
 
-/* --- writes: ZTF_READ_ONLY for a server's tree. They allocate, and take locks for a moment. */
+/* --- writes
+ *
+ * They allocate, and take locks for a moment. Those of a server's tree wait for the server's reply,
+ * and are in its memory then. They may also return ZTF_READ_ONLY, ZTF_TIMEOUT, ZTF_OUTCOME_UNKNOWN,
+ * ZTF_SERVER_RESTARTED, ZTF_NOT_DURABLE, ZTF_SERVER_UNAVAILABLE, ZTF_ACCESS_DENIED, ZTF_PROTOCOL. */
 
 enum { ZTF_STATIC = 1 /* flag: the link never changes with time */ };
 
@@ -171,6 +181,60 @@ ZTF_API ztf_code ztf_clear(ztf_tree* tree, int32_t keep_static, ztf_error* error
  * and subtree is 0. */
 ZTF_API ztf_code ztf_remove_frame(ztf_tree* tree, const char* frame, int32_t subtree,
                                   ztf_error* error);
+
+typedef enum ztf_op {
+  ZTF_AT = 0,            /* ztf_lookup() at a time */
+  ZTF_LATEST_COMMON = 1, /* ztf_lookup() at the latest common time */
+  ZTF_LATEST = 2,        /* ztf_latest() */
+  ZTF_LATEST_XACT = 3    /* ztf_latest_xact() */
+} ztf_op;
+
+/* --- transactions
+ *
+ * Lookups, then writes that are stored only if all that was looked up still holds: as if the whole
+ * had happened at one instant. For one thread at a time. */
+
+typedef struct ztf_transaction ztf_transaction;
+
+/* Begins a transaction, which must end before its tree. ZTF_LIMIT. */
+ZTF_API ztf_code ztf_transaction_begin(ztf_tree* tree, ztf_transaction** transaction,
+                                       ztf_error* error);
+/* A lookup. All lookups of a transaction are at one instant: ZTF_CONFLICT if something that was
+ * looked up before has changed, or another server has the tree. If it fails, the transaction rests
+ * on that, too: on a frame that does not exist. ZTF_LATEST is as ZTF_LATEST_XACT. Errors as those
+ * of lookups. */
+ZTF_API ztf_code ztf_transaction_lookup(ztf_transaction* transaction, ztf_op op, const char* target,
+                                        const char* source, int64_t stamp_ns, ztf_answer* answer,
+                                        ztf_error* error);
+/* Adds a transform to what the commit will store. Its values are checked then. */
+ZTF_API ztf_code ztf_transaction_set(ztf_transaction* transaction, const ztf_transform* transform,
+                                     ztf_error* error);
+/* Stores all, or nothing: with ZTF_CONFLICT, something that was looked up has changed, and the
+ * caller does the transaction again. It is empty afterwards in any case. Errors as ztf_set_xact().
+ * Without transforms it succeeds, as it changes nothing. */
+ZTF_API ztf_code ztf_transaction_commit(ztf_transaction* transaction, const char* authority,
+                                        int32_t flags, ztf_error* error);
+/* Ends a transaction without storing anything. NULL is allowed. */
+ZTF_API void ztf_transaction_end(ztf_transaction* transaction);
+
+/* --- writes to a server's tree
+ *
+ * They are queries over Zenoh (docs/reference/protocol.md). This library does not link to Zenoh:
+ * the caller has a session, and gives a function that sends a query. zenoh_tf/zenoh_query.h has
+ * one for zenoh-c and for zenoh-pico. */
+
+typedef struct ztf_reply ztf_reply;
+/* Keeps a copy of a reply's payload. */
+ZTF_API void ztf_reply_set(ztf_reply* reply, const void* bytes, size_t size);
+/* Sends a query with a payload, and waits up to timeout_ns for its first reply or error reply, whose
+ * payload it gives to ztf_reply_set(). It calls that not at all if none has come. It is called from
+ * the threads that write, several at a time, and must not throw. */
+typedef void (*ztf_query_fn)(void* context, const char* key, const void* payload, size_t size,
+                             int64_t timeout_ns, ztf_reply* reply);
+/* Lets a server's tree be written to by query(context, ...), and gives each write a time-out, of at
+ * most 600 s. At most once for a tree, before it is written to. ZTF_INVALID_ARGUMENT. */
+ZTF_API ztf_code ztf_write_through(ztf_tree* tree, ztf_query_fn query, void* context,
+                                   int64_t timeout_ns, ztf_error* error);
 
 /* --- lookups, each at one instant of the tree
  *
@@ -224,13 +288,6 @@ typedef struct ztf_frame {
   uint64_t tree;
   uint32_t id, generation;
 } ztf_frame;
-
-typedef enum ztf_op {
-  ZTF_AT = 0,            /* ztf_lookup() at a time */
-  ZTF_LATEST_COMMON = 1, /* ztf_lookup() at the latest common time */
-  ZTF_LATEST = 2,        /* ztf_latest() */
-  ZTF_LATEST_XACT = 3    /* ztf_latest_xact() */
-} ztf_op;
 
 /* Finds a frame. ZTF_LOOKUP if there is none of that name. */
 ZTF_API ztf_code ztf_resolve(const ztf_tree* tree, const char* name, ztf_frame* frame,

@@ -4,9 +4,13 @@
 // allocates or blocks, thread safety. A class here adds nothing to that but what its comment says.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
+#include <memory>
+#include <random>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -53,7 +57,12 @@ struct InvalidArgumentException : TransformException {
 struct ExtrapolationException : TransformException {
   using TransformException::TransformException;
 };
-// ZTF_SERVER_UNAVAILABLE and ZTF_SERVER_BUSY: the same call may succeed later.
+// What a transaction has read was changed by others again and again.
+struct ConflictException : TransformException {
+  using TransformException::TransformException;
+};
+// ZTF_SERVER_UNAVAILABLE, ZTF_SERVER_BUSY, ZTF_SERVER_RESTARTED and ZTF_TIMEOUT: nothing was done,
+// and the same call may succeed later.
 struct ServerException : TransformException {
   using TransformException::TransformException;
 };
@@ -75,8 +84,12 @@ namespace detail {
     case ZTF_FORWARD:
     case ZTF_GAP:
       throw ExtrapolationException(error);
+    case ZTF_CONFLICT:
+      throw ConflictException(error);
     case ZTF_SERVER_UNAVAILABLE:
     case ZTF_SERVER_BUSY:
+    case ZTF_SERVER_RESTARTED:
+    case ZTF_TIMEOUT:
       throw ServerException(error);
     default:
       throw TransformException(error);
@@ -90,6 +103,13 @@ void check(Function&& function) {
   ztf_error error;
   error.size = sizeof error;
   if (function(&error) != ZTF_OK) raise(error);
+}
+
+// Pauses so long at most, after a conflict: writers that pause alike would meet again.
+inline void pause(int longest_us) {
+  thread_local std::minstd_rand random(std::random_device{}());
+  std::uniform_int_distribution<int> pause_us(0, longest_us);
+  std::this_thread::sleep_for(std::chrono::microseconds(pause_us(random)));
 }
 
 // The names that call(buffer, size, &needed, &error) writes. They may change between two calls.
@@ -201,6 +221,43 @@ class Pair {
   ztf_frame target_ = ztf_frame(), source_ = ztf_frame();  // stale at first
 };
 
+// What a transaction looks up and sets, see Tree::transact().
+class Transaction {
+ public:
+  Answer lookup(Name target, Name source, Stamp stamp = kNoStamp) {
+    return run(stamp == kNoStamp ? ZTF_LATEST_COMMON : ZTF_AT, target, source, stamp);
+  }
+  // The newest sample of every link, all read at one instant.
+  Answer latest(Name target, Name source) {
+    return run(ZTF_LATEST_XACT, target, source, kNoStamp);
+  }
+  // Is stored if the transaction is committed. It cannot be looked up in the same one.
+  void set(Name parent, Name child, Stamp stamp, const Pose& pose) {
+    const ztf_transform transform = {parent, child, stamp, pose};
+    detail::check([&](ztf_error* error) {
+      return ztf_transaction_set(transaction_.get(), &transform, error);
+    });
+  }
+
+ private:
+  friend class Tree;
+  explicit Transaction(ztf_tree* tree) : transaction_(nullptr, ztf_transaction_end) {
+    ztf_transaction* begun = nullptr;
+    detail::check(
+        [&](ztf_error* error) { return ztf_transaction_begin(tree, &begun, error); });
+    transaction_.reset(begun);
+  }
+  Answer run(ztf_op op, const char* target, const char* source, Stamp stamp) {
+    Answer answer;
+    detail::check([&](ztf_error* error) {
+      return ztf_transaction_lookup(transaction_.get(), op, target, source, stamp, &answer, error);
+    });
+    return answer;
+  }
+
+  std::unique_ptr<ztf_transaction, void (*)(ztf_transaction*)> transaction_;
+};
+
 // A tree of this process, or a server's.
 class Tree {
  public:
@@ -258,6 +315,36 @@ class Tree {
   }
   void remove_frame(Name frame, bool subtree = false) {
     detail::check([&](ztf_error* error) { return ztf_remove_frame(tree_, frame, subtree, error); });
+  }
+
+  // Lets a server's tree be written to, see ztf_write_through().
+  void write_through(ztf_query_fn query, void* context, std::chrono::nanoseconds timeout) {
+    detail::check([&](ztf_error* error) {
+      return ztf_write_through(tree_, query, context, timeout.count(), error);
+    });
+  }
+  // Runs body(transaction), and then stores what it has set, if all that it has looked up still
+  // holds. Else it does so again, up to `attempts` times, and then throws ConflictException. An
+  // exception of the body ends the transaction without storing anything.
+  template <class Body>
+  void transact(Body&& body, Name authority = "", bool is_static = false, int attempts = 10) {
+    for (int pause_us = 1;; pause_us = std::min(2 * pause_us, 10000)) {
+      Transaction transaction(tree_);
+      ztf_error error;
+      error.size = sizeof error;
+      try {
+        body(transaction);
+      } catch (const ConflictException&) {
+        if (--attempts <= 0) throw;
+        detail::pause(pause_us);
+        continue;
+      }
+      const ztf_code code = ztf_transaction_commit(
+          transaction.transaction_.get(), authority, is_static ? ZTF_STATIC : 0, &error);
+      if (code == ZTF_OK) return;
+      if (code != ZTF_CONFLICT || --attempts <= 0) detail::raise(error);
+      detail::pause(pause_us);
+    }
   }
 
   Answer lookup(Name target, Name source, Stamp stamp = kNoStamp,

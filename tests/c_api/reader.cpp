@@ -1,5 +1,6 @@
-// Reads a tree on behalf of a test: a command on each line of its input, a reply on each of its
-// output. Words are separated by spaces.
+// Reads and writes a tree on behalf of a test: a command on each line of its input, a reply on each
+// of its output. Words are separated by spaces. The test sends the program's queries to servers: a
+// line "query KEY PAYLOAD TIMEOUT_MS" asks for a line with the reply's payload, both in hexadecimal.
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -70,6 +71,21 @@ class Watch {
   std::thread thread_;
 };
 
+// Asks the test to send a query.
+void query_by_test(void*, const char* key, const void* payload, std::size_t size,
+                   std::int64_t timeout_ns, ztf_reply* reply) {
+  const auto* const bytes = static_cast<const unsigned char*>(payload);
+  std::printf("query %s ", key);
+  for (std::size_t i = 0; i < size; ++i) std::printf("%02x", bytes[i]);
+  std::printf(" %lld\n", static_cast<long long>(timeout_ns / 1000000 + 1));
+  std::fflush(stdout);
+  std::string line, out;
+  std::getline(std::cin, line);
+  for (std::size_t i = 0; i + 1 < line.size(); i += 2)
+    out.push_back(static_cast<char>(std::stoi(line.substr(i, 2), nullptr, 16)));
+  if (!out.empty()) ztf_reply_set(reply, out.data(), out.size());
+}
+
 std::unique_ptr<Tree> tree;
 std::unique_ptr<Watch> watch;
 
@@ -91,6 +107,40 @@ std::string run(const std::string& command, std::istream& words) {
     Pose p;
     words >> is_static >> p.x >> p.y >> p.z >> p.qx >> p.qy >> p.qz >> p.qw;
     tree->set(a, b, stamp, p, "", is_static);
+  } else if (command == "write_through") {
+    tree->write_through(query_by_test, nullptr, ms_of(words));
+  } else if (command == "set_xact") {  // two links of the same stamp, each with x
+    std::string d;
+    words >> a >> b >> c >> d;
+    const Stamp stamp = stamp_of(words);
+    double x = 0, y = 0;
+    words >> x >> y;
+    tree->set_xact({{a.c_str(), b.c_str(), stamp, {x, 0, 0, 0, 0, 0, 1}},
+                    {c.c_str(), d.c_str(), stamp, {y, 0, 0, 0, 0, 0, 1}}},
+                   "writer");
+  } else if (command == "increment") {  // adds 1 m and 1 ns to the newest pose of b in a
+    words >> a >> b;
+    int attempts = 0, attempts_max = 1000;
+    words >> attempts_max;
+    tree->transact(
+        [&](zenoh_tf::Transaction& transaction) {
+          ++attempts;
+          Answer answer;
+          try {
+            answer = transaction.latest(a, b);
+          } catch (const zenoh_tf::LookupException&) {
+            answer.pose.qw = 1;
+          }
+          ++answer.pose.x;
+          transaction.set(a, b, answer.stamp_ns + 1, answer.pose);
+        },
+        "writer", false, attempts_max);
+    reply << attempts;
+  } else if (command == "clear") {
+    tree->clear();
+  } else if (command == "remove") {
+    words >> a;
+    tree->remove_frame(a);
   } else if (command == "lookup") {
     words >> a >> b;
     const Stamp stamp = stamp_of(words);

@@ -1,8 +1,9 @@
-"""The program `reader.cpp`, which reads trees by the C++ header, as a process."""
+"""The program `reader.cpp`, which reads and writes trees by the C++ header, as a process."""
 
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -14,6 +15,9 @@ PROGRAM = ROOT / "build/core-plain/c_api/c_reader"
 class Reader:
     """Commands to the program, one after the other."""
 
+    #: Sends a query of the program: key, payload, seconds to the reply's payload, b"" for none.
+    query: Callable[[str, bytes, float], bytes]
+
     def __init__(self) -> None:
         self.process = subprocess.Popen(
             [PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -24,7 +28,11 @@ class Reader:
         assert self.process.stdin is not None and self.process.stdout is not None
         self.process.stdin.write(" ".join(map(str, words)) + "\n")
         self.process.stdin.flush()
-        line = self.process.stdout.readline()
+        while (line := self.process.stdout.readline()).startswith("query "):
+            _, key, payload, timeout_ms = line.split()
+            reply = self.query(key, bytes.fromhex(payload), int(timeout_ms) / 1000)
+            self.process.stdin.write(reply.hex() + "\n")
+            self.process.stdin.flush()
         assert line, f"the reader ended: {self.process.wait()}"
         code, *reply = line.split()
         return code, reply

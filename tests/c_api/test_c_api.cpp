@@ -368,7 +368,87 @@ TEST(a_server_of_another_tree_or_two_of_one_are_not_read) {
            int{ZTF_ACCESS_DENIED});
 }
 
-TEST(a_tree_of_a_server_is_read_only) {
+TEST(a_transaction_rests_on_what_it_has_looked_up) {
+  zenoh_tf::Tree tree;
+  const auto set = [&](const char* child, Stamp stamp, double x) {
+    tree.set("map", child, stamp, {x, 0, 0, 0, 0, 0, 1});
+  };
+  int runs = 0;
+  const auto copy = [&](zenoh_tf::Transaction& transaction) {
+    const zenoh_tf::Answer a = transaction.latest("map", "a");
+    if (runs++ == 0) set("a", 2, 7);
+    transaction.set("map", "b", 2, a.pose);
+  };
+  set("a", 1, 5);
+  tree.transact(copy);  // of what had changed before the commit
+  CHECK_EQ(runs, 2);
+  CHECK_EQ(tree.latest("map", "b").pose.x, 7);
+
+  // A later lookup does not show a newer state than an earlier one.
+  const auto both = [&](zenoh_tf::Transaction& transaction) {
+    const double a = transaction.latest("map", "a").pose.x;
+    if (runs++ == 0) tree.set_xact({{"map", "a", 3, c_pose(at_x(8))}, {"map", "b", 3, c_pose(at_x(8))}});
+    CHECK_EQ(transaction.latest("map", "b").pose.x, a);
+  };
+  runs = 0;
+  tree.transact(both);
+  CHECK_EQ(runs, 2);
+
+  // So is that a frame does not exist.
+  const auto make = [&](zenoh_tf::Transaction& transaction) {
+    const ztf_code code = thrown([&] { transaction.latest("map", "c"); });
+    if (runs++ == 0) {
+      CHECK_EQ(int{code}, int{ZTF_LOOKUP});
+      set("c", 1, 1);
+      transaction.set("map", "c", 2, c_pose(at_x(2)));
+    }
+  };
+  runs = 0;
+  tree.transact(make);
+  CHECK_EQ(runs, 2);
+  CHECK_EQ(tree.latest("map", "c").pose.x, 1);
+
+  const auto fail = [&](zenoh_tf::Transaction& transaction) {
+    transaction.set("map", "d", 1, c_pose(at_x(1)));
+    throw 5;
+  };
+  int caught = 0;
+  try {
+    tree.transact(fail);
+  } catch (int value) {
+    caught = value;
+  }
+  CHECK_EQ(caught, 5);
+  CHECK_EQ(int{thrown([&] { tree.latest("map", "d"); })}, int{ZTF_LOOKUP});
+  const auto lose = [&](zenoh_tf::Transaction& transaction) {
+    const Stamp newest = transaction.latest("map", "a").stamp_ns;
+    set("a", newest + 1, 0);
+    transaction.set("map", "a", newest + 2, c_pose(at_x(1)));
+  };
+  CHECK_EQ(int{thrown([&] { tree.transact(lose, "", false, 3); })}, int{ZTF_CONFLICT});
+}
+
+TEST(increments_of_many_threads_are_all_counted) {
+  zenoh_tf::Tree tree;
+  tree.set("map", "a", 1, c_pose(at_x(0)));
+  constexpr int kThreads = 4, kRounds = 200;
+  std::vector<std::thread> threads;
+  for (int i = 0; i < kThreads; ++i)
+    threads.emplace_back([&] {
+      for (int n = 0; n < kRounds; ++n)
+        tree.transact(
+            [](zenoh_tf::Transaction& transaction) {
+              zenoh_tf::Answer a = transaction.latest("map", "a");
+              ++a.pose.x;
+              transaction.set("map", "a", a.stamp_ns + 1, a.pose);
+            },
+            "", false, 1 << 20);
+    });
+  for (std::thread& thread : threads) thread.join();
+  CHECK_EQ(tree.latest("map", "a").pose.x, kThreads * kRounds);
+}
+
+TEST(without_a_way_to_write_a_servers_tree_is_read_only) {
   const SocketFolder folder;
   const Owner owner(folder, "a1");
   zenoh_tf::Tree tree = zenoh_tf::Tree::open("main", folder.path);

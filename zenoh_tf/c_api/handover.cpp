@@ -18,7 +18,7 @@
 
 #include "base/host.hpp"
 #include "base/rejected.hpp"
-#include "messages/cursor.hpp"
+#include "c_api/message_map.hpp"
 
 namespace ztf {
 
@@ -147,34 +147,6 @@ Greeting greet(const fs::path& path) {
   return greeting;
 }
 
-bool skip_value(MessageCursor& cursor) {
-  std::string_view bytes;
-  for (std::uint64_t left = 1; left > 0; --left) {
-    MessageHead head;
-    if (!cursor.head(head)) return false;
-    if (head.kind == MessageHead::Kind::list || head.kind == MessageHead::Kind::map) {
-      if (head.size > cursor.left()) return false;
-      left += head.kind == MessageHead::Kind::map ? 2 * head.size : head.size;
-    } else if (!cursor.take(head.size, bytes)) {
-      return false;
-    }
-  }
-  return true;
-}
-
-// The text of a field; nullopt if the message has none.
-std::optional<std::string_view> text_field(std::string_view message, std::string_view name) {
-  MessageCursor cursor(message);
-  MessageHead head;
-  if (!cursor.head(head) || head.kind != MessageHead::Kind::map) return std::nullopt;
-  std::string_view key, text;
-  for (std::uint64_t i = 0; i < head.size && cursor.text(key); ++i) {
-    if (key == name) return cursor.text(text) ? std::optional(text) : std::nullopt;
-    if (!skip_value(cursor)) break;
-  }
-  return std::nullopt;
-}
-
 std::vector<fs::path> folders_of(const std::string& folder) {
   if (!folder.empty()) return {folder};
   std::vector<fs::path> folders;
@@ -215,7 +187,7 @@ std::vector<fs::path> sockets_of(std::string_view tree, const fs::path& folder) 
 // Rejected and bad_alloc.
 std::unique_ptr<SharedTree> map_from(const fs::path& path, std::string_view tree) {
   const Greeting greeting = greet(path);
-  if (text_field(greeting.message, "tree") != tree) return nullptr;
+  if (MessageMap(greeting.message).text("tree") != tree) return nullptr;
   try {
     auto mapped = std::make_unique<SharedTree>(greeting.region.get());
     if (monotonic_ns() >= mapped->lease_ns()) return nullptr;

@@ -38,6 +38,7 @@ class ServerTree {
     return body(*mapped.tree, mapped.number);
   }
 
+  [[nodiscard]] const std::string& name() const noexcept { return name_; }
   // Why there is no answer while the lease has lapsed.
   [[nodiscard]] Rejected why_lapsed() const;
   // Its code, without a lock.

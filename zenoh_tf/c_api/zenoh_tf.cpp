@@ -1,13 +1,11 @@
-// The functions of include/zenoh_tf/zenoh_tf.h: the core's, with values in the caller's memory,
-// codes instead of exceptions, and a server's tree in the place of one of this process.
+// The functions of include/zenoh_tf/zenoh_tf.h but for writes: the core's, with values in the
+// caller's memory, codes instead of exceptions, and a server's tree in the place of one of this
+// process.
 #include "zenoh_tf/zenoh_tf.h"
 
 #include <algorithm>
 #include <chrono>
 #include <cstddef>
-#include <cstring>
-#include <memory>
-#include <new>
 #include <string>
 #include <thread>
 #include <vector>
@@ -16,19 +14,10 @@
 #include "base/small_vector.hpp"
 #include "by_name/errors.hpp"
 #include "by_name/lookup.hpp"
-#include "c_api/server_tree.hpp"
+#include "c_api/calls.hpp"
 #include "reads/sample_block.hpp"
-#include "shared/shared_tree.hpp"
-#include "tree.hpp"
 
-// Either of both.
-struct ztf_tree {
-  const std::uint64_t number = ztf::next_tree_number();
-  std::unique_ptr<ztf::Tree> own = {};
-  std::unique_ptr<ztf::ServerTree> server = {};
-};
-
-namespace ztf {
+namespace ztf::c_api {
 
 namespace {
 
@@ -37,113 +26,9 @@ static_assert(ZTF_NO_STAMP == kNoStamp && ZTF_NO_GAPS == kNoGaps);
 static_assert(ZTF_AT == int(Op::at) && ZTF_LATEST_XACT == int(Op::latest_xact));
 static_assert(ZTF_SERVER_STARTING == int(Code::starting) && ZTF_GAP == int(Code::gap));
 
-constexpr auto kFailed = Code{ZTF_FAILED}, kStale = Code{ZTF_STALE_FRAME},
-               kTooSmall = Code{ZTF_BUFFER_TOO_SMALL};
 constexpr std::chrono::milliseconds kAskAgain{1};
 
-// --- values
-
-ztf_code code_of(Code code) noexcept { return static_cast<ztf_code>(code); }
-ztf_pose pose_of(const Pose& p) noexcept { return {p.x, p.y, p.z, p.qx, p.qy, p.qz, p.qw}; }
-Pose pose_of(const ztf_pose& p) noexcept { return {p.x, p.y, p.z, p.qx, p.qy, p.qz, p.qw}; }
-
-template <std::size_t size>
-void copy_text(const std::string& text, char (&out)[size]) noexcept {
-  const std::size_t n = std::min(text.size(), size - 1);
-  std::memcpy(out, text.data(), n);
-  std::memset(out + n, 0, size - n);
-}
-
-// Writes as much of a structure as its caller knows.
-template <class Struct>
-void write_sized(Struct value, Struct* out) noexcept {
-  value.size = out->size;
-  std::memcpy(out, &value, std::min<std::size_t>(out->size, sizeof value));
-}
-// Reads as much of a structure as its caller knows; the rest is as in `value`.
-template <class Struct>
-Struct read_sized(const Struct* in, Struct value) noexcept {
-  if (in) std::memcpy(&value, in, std::min<std::size_t>(in->size, sizeof value));
-  return value;
-}
-
-[[noreturn]] void reject(Code code, std::string message, const char* field = "") {
-  throw Rejected{.code = code, .message = std::move(message), .field = field};
-}
-
-std::string_view text_of(const char* text, const char* field) {
-  if (!text) reject(Code::invalid_argument, std::string(field) + " is NULL", field);
-  return text;
-}
-// A name that a frame may have.
-std::string_view name_of(const char* name, const char* field) {
-  const std::string_view text = text_of(name, field);
-  if (!is_frame_name(text)) throw *name_fault(text, field);
-  return text;
-}
-
-// --- errors
-
-ztf_code report(const Rejected& r, ztf_error* error) noexcept {
-  if (!error) return code_of(r.code);
-  ztf_error out{};
-  out.code = code_of(r.code);
-  out.stamp_ns = r.stamp, out.oldest_stamp_ns = r.oldest, out.newest_stamp_ns = r.newest;
-  out.gap_ns = r.gap, out.value = r.value;
-  out.limit = r.max_gap >= 0 ? r.max_gap : r.limit;
-  out.retry_after_s = r.retry_after_s;
-  copy_text(r.message, out.message), copy_text(r.field, out.field);
-  copy_text(r.target, out.target_frame), copy_text(r.source, out.source_frame);
-  copy_text(r.frame, out.frame), copy_text(r.parent, out.parent_frame);
-  copy_text(r.target_root, out.target_root), copy_text(r.source_root, out.source_root);
-  write_sized(out, error);
-  return code_of(r.code);
-}
-
-ztf_code report(const ztf_tree* tree, Unanswered::Reason reason, ztf_error* error) {
-  const bool is_lapsed = reason == Unanswered::Reason::lapsed;
-  const bool is_busy = reason == Unanswered::Reason::busy;
-  if (!error)
-    return code_of(is_lapsed ? tree->server->code_if_lapsed() : is_busy ? kServerBusy : kProtocol);
-  if (is_lapsed) return report(tree->server->why_lapsed(), error);
-  if (is_busy)
-    return report(
-        {.code = kServerBusy, .message = "writers changed the links while they were read"}, error);
-  return report({.code = kProtocol, .message = "the server's memory could not be read"}, error);
-}
-
-// Runs body(), which returns a code, and reports what it throws.
-template <class Body>
-ztf_code guarded(const ztf_tree* tree, ztf_error* error, Body&& body) noexcept {
-  try {
-    try {
-      return code_of(body());
-    } catch (const Rejected& rejected) {
-      return report(rejected, error);
-    } catch (const Unanswered& unanswered) {
-      return report(tree, unanswered.reason, error);
-    } catch (const std::bad_alloc&) {
-      return report({.code = Code::limit, .message = "no memory", .field = "host_memory"}, error);
-    } catch (const std::exception& other) {
-      return report({.code = kFailed, .message = other.what()}, error);
-    }
-  } catch (...) {
-    return ZTF_LIMIT;  // no memory for the text either
-  }
-}
-
 // --- trees
-
-template <class Body>
-auto read(const ztf_tree* tree, Body&& body) {
-  if (tree->own) return body(*tree->own, tree->number);
-  return tree->server->read(body);
-}
-
-Tree& writable(ztf_tree* tree) {
-  if (!tree->own) reject(kReadOnly, "the tree is a server's: it can be read only");
-  return *tree->own;
-}
 
 void check_range(const char* field, std::uint64_t value, std::uint64_t least, std::uint64_t most) {
   if (value >= least && value <= most) return;
@@ -269,13 +154,6 @@ ztf_code look_up_op(Op op, const ztf_tree* tree, const char* target, const char*
 
 NameRef ref_of(const ztf_frame& frame) noexcept { return {frame.id, frame.generation}; }
 
-Op op_of(ztf_op op, std::int64_t stamp) {
-  if (op < ZTF_AT || op > ZTF_LATEST_XACT) reject(Code::invalid_argument, "unknown op", "op");
-  if (op == ZTF_AT && stamp == kNoStamp)
-    reject(Code::invalid_argument, "stamp_ns is ZTF_NO_STAMP", "stamp_ns");
-  return static_cast<Op>(op);
-}
-
 // True if the ids have belonged to the names since they were found.
 template <class AnyTree>
 bool is_current(const AnyTree& tree, std::uint64_t number, const ztf_frame& frame) noexcept {
@@ -327,34 +205,12 @@ FrameId known(const AnyTree& tree, std::string_view name) {
   return id;
 }
 
-Code commit(ztf_tree* tree, const ztf_transform* transforms, std::size_t count,
-            const char* authority, std::int32_t flags, bool drop_old, std::int32_t* stored) {
-  SmallVector<std::string_view, 32> names;
-  SmallVector<Row, 16> rows;
-  SmallVector<std::uint8_t, 16> results;
-  (void)results.append(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const ztf_transform& t = transforms[i];
-    const auto at = static_cast<std::uint32_t>(2 * i);
-    names.push_back(text_of(t.parent, "parent"));
-    names.push_back(text_of(t.child, "child"));
-    rows.push_back({at, at + 1, t.stamp_ns, pose_of(t.pose)});
-  }
-  writable(tree).commit({.names = {names.begin(), names.size()},
-                         .rows = {rows.begin(), rows.size()},
-                         .authority = authority ? authority : "",
-                         .is_static = (flags & ZTF_STATIC) != 0,
-                         .drop_old = drop_old},
-                        {results.begin(), results.size()});
-  if (stored) *stored = results[0] == RowResult::stored;
-  return Code::ok;
-}
-
 }  // namespace
 
-}  // namespace ztf
+}  // namespace ztf::c_api
 
 using namespace ztf;
+using namespace ztf::c_api;
 
 const char* ztf_version(void) { return ZTF_VERSION; }
 
@@ -365,15 +221,20 @@ const char* ztf_code_name(int32_t code) {
       {ZTF_LOOKUP, "ZTF_LOOKUP"},
       {ZTF_CONNECTIVITY, "ZTF_CONNECTIVITY"},
       {ZTF_INVALID_ARGUMENT, "ZTF_INVALID_ARGUMENT"},
+      {ZTF_TIMEOUT, "ZTF_TIMEOUT"},
       {ZTF_EXTRAPOLATION, "ZTF_EXTRAPOLATION"},
       {ZTF_NO_DATA, "ZTF_NO_DATA"},
       {ZTF_BACKWARD, "ZTF_BACKWARD"},
       {ZTF_FORWARD, "ZTF_FORWARD"},
+      {ZTF_CONFLICT, "ZTF_CONFLICT"},
       {ZTF_LIMIT, "ZTF_LIMIT"},
       {ZTF_SERVER_UNAVAILABLE, "ZTF_SERVER_UNAVAILABLE"},
+      {ZTF_OUTCOME_UNKNOWN, "ZTF_OUTCOME_UNKNOWN"},
+      {ZTF_SERVER_RESTARTED, "ZTF_SERVER_RESTARTED"},
       {ZTF_PROTOCOL, "ZTF_PROTOCOL"},
       {ZTF_SERVER_BUSY, "ZTF_SERVER_BUSY"},
       {ZTF_ACCESS_DENIED, "ZTF_ACCESS_DENIED"},
+      {ZTF_NOT_DURABLE, "ZTF_NOT_DURABLE"},
       {ZTF_READ_ONLY, "ZTF_READ_ONLY"},
       {ZTF_GAP, "ZTF_GAP"},
       {ZTF_SERVER_STARTING, "ZTF_SERVER_STARTING"},
@@ -415,32 +276,6 @@ ztf_code ztf_server_state(const ztf_tree* tree, ztf_server* server, ztf_error* e
       write_sized(state, server);
       return Code::ok;
     });
-  });
-}
-
-ztf_code ztf_set(ztf_tree* tree, const ztf_transform* transform, const char* authority,
-                 int32_t flags, int32_t* stored, ztf_error* error) {
-  return guarded(tree, error,
-                 [&] { return commit(tree, transform, 1, authority, flags, true, stored); });
-}
-
-ztf_code ztf_set_xact(ztf_tree* tree, const ztf_transform* transforms, size_t count,
-                      const char* authority, int32_t flags, ztf_error* error) {
-  return guarded(tree, error,
-                 [&] { return commit(tree, transforms, count, authority, flags, false, nullptr); });
-}
-
-ztf_code ztf_clear(ztf_tree* tree, int32_t keep_static, ztf_error* error) {
-  return guarded(tree, error, [&] {
-    writable(tree).clear(keep_static != 0);
-    return Code::ok;
-  });
-}
-
-ztf_code ztf_remove_frame(ztf_tree* tree, const char* frame, int32_t subtree, ztf_error* error) {
-  return guarded(tree, error, [&] {
-    writable(tree).remove_frame(name_of(frame, "frame"), subtree != 0);
-    return Code::ok;
   });
 }
 
