@@ -1,10 +1,11 @@
 /* Sends the writes to a server's tree over a session of zenoh-c (zenoh.h) or zenoh-pico
- * (zenoh-pico.h), whichever the caller has included before; from version 1.0 on.
+ * (zenoh-pico.h), whichever the caller has included before; from version 1.0 on. It is
+ * tested with zenoh-pico only.
  *
  *   ztf_write_through(tree, ztf_zenoh_query, (void*)z_loan(session), 1000000000, &error);
  *
- * The session must be able to reach the server, and outlive the tree. With zenoh-pico, its read task
- * must run (zp_start_read_task()).
+ * The session must be able to reach the server, and outlive the tree. With zenoh-pico, its read
+ * task must run (zp_start_read_task()).
  */
 #ifndef ZENOH_TF_ZENOH_QUERY_H
 #define ZENOH_TF_ZENOH_QUERY_H

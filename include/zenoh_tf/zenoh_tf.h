@@ -162,7 +162,8 @@ ZTF_API ztf_code ztf_server_state(const ztf_tree* tree, ztf_server* server, ztf_
  *
  * They allocate, and take locks for a moment. Those of a server's tree wait for the server's reply,
  * and are in its memory then. They may also return ZTF_READ_ONLY, ZTF_TIMEOUT, ZTF_OUTCOME_UNKNOWN,
- * ZTF_SERVER_RESTARTED, ZTF_NOT_DURABLE, ZTF_SERVER_UNAVAILABLE, ZTF_ACCESS_DENIED, ZTF_PROTOCOL. */
+ * ZTF_SERVER_RESTARTED, ZTF_NOT_DURABLE, ZTF_SERVER_UNAVAILABLE, ZTF_ACCESS_DENIED, ZTF_PROTOCOL.
+ */
 
 enum { ZTF_STATIC = 1 /* flag: the link never changes with time */ };
 
@@ -226,9 +227,9 @@ ZTF_API void ztf_transaction_end(ztf_transaction* transaction);
 typedef struct ztf_reply ztf_reply;
 /* Keeps a copy of a reply's payload. */
 ZTF_API void ztf_reply_set(ztf_reply* reply, const void* bytes, size_t size);
-/* Sends a query with a payload, and waits up to timeout_ns for its first reply or error reply, whose
- * payload it gives to ztf_reply_set(). It calls that not at all if none has come. It is called from
- * the threads that write, several at a time, and must not throw. */
+/* Sends a query with a payload, and waits up to timeout_ns for its first reply or error reply,
+ * whose payload it gives to ztf_reply_set(). It calls that not at all if none has come. It is
+ * called from the threads that write, several at a time, and must not throw. */
 typedef void (*ztf_query_fn)(void* context, const char* key, const void* payload, size_t size,
                              int64_t timeout_ns, ztf_reply* reply);
 /* Lets a server's tree be written to by query(context, ...), and gives each write a time-out, of at

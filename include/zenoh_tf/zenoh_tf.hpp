@@ -228,9 +228,7 @@ class Transaction {
     return run(stamp == kNoStamp ? ZTF_LATEST_COMMON : ZTF_AT, target, source, stamp);
   }
   // The newest sample of every link, all read at one instant.
-  Answer latest(Name target, Name source) {
-    return run(ZTF_LATEST_XACT, target, source, kNoStamp);
-  }
+  Answer latest(Name target, Name source) { return run(ZTF_LATEST_XACT, target, source, kNoStamp); }
   // Is stored if the transaction is committed. It cannot be looked up in the same one.
   void set(Name parent, Name child, Stamp stamp, const Pose& pose) {
     const ztf_transform transform = {parent, child, stamp, pose};
@@ -243,8 +241,7 @@ class Transaction {
   friend class Tree;
   explicit Transaction(ztf_tree* tree) : transaction_(nullptr, ztf_transaction_end) {
     ztf_transaction* begun = nullptr;
-    detail::check(
-        [&](ztf_error* error) { return ztf_transaction_begin(tree, &begun, error); });
+    detail::check([&](ztf_error* error) { return ztf_transaction_begin(tree, &begun, error); });
     transaction_.reset(begun);
   }
   Answer run(ztf_op op, const char* target, const char* source, Stamp stamp) {
@@ -339,8 +336,8 @@ class Tree {
         detail::pause(pause_us);
         continue;
       }
-      const ztf_code code = ztf_transaction_commit(
-          transaction.transaction_.get(), authority, is_static ? ZTF_STATIC : 0, &error);
+      const ztf_code code = ztf_transaction_commit(transaction.transaction_.get(), authority,
+                                                   is_static ? ZTF_STATIC : 0, &error);
       if (code == ZTF_OK) return;
       if (code != ZTF_CONFLICT || --attempts <= 0) detail::raise(error);
       detail::pause(pause_us);

@@ -1,6 +1,7 @@
 // Reads and writes a tree on behalf of a test: a command on each line of its input, a reply on each
 // of its output. Words are separated by spaces. The test sends the program's queries to servers: a
-// line "query KEY PAYLOAD TIMEOUT_MS" asks for a line with the reply's payload, both in hexadecimal.
+// line "query KEY PAYLOAD TIMEOUT_MS" asks for a line with the reply's payload, both in
+// hexadecimal.
 #include <atomic>
 #include <chrono>
 #include <cmath>

@@ -387,7 +387,8 @@ TEST(a_transaction_rests_on_what_it_has_looked_up) {
   // A later lookup does not show a newer state than an earlier one.
   const auto both = [&](zenoh_tf::Transaction& transaction) {
     const double a = transaction.latest("map", "a").pose.x;
-    if (runs++ == 0) tree.set_xact({{"map", "a", 3, c_pose(at_x(8))}, {"map", "b", 3, c_pose(at_x(8))}});
+    if (runs++ == 0)
+      tree.set_xact({{"map", "a", 3, c_pose(at_x(8))}, {"map", "b", 3, c_pose(at_x(8))}});
     CHECK_EQ(transaction.latest("map", "b").pose.x, a);
   };
   runs = 0;

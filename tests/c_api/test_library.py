@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import StartServer
+from zenoh_tf import StampedTransform, Transform
+
 ROOT = Path(__file__).resolve().parents[2]
 
 # The library is compiled for itself, which takes minutes.
@@ -38,3 +41,24 @@ def test_the_examples_use_an_installed_library(tmp_path: Path) -> None:
         package = tmp_path / "lib/pkgconfig/zenoh_tf.pc"
         flags = run("pkg-config", "--cflags", "--libs", package).split()
         assert flags == [f"-I{tmp_path}/include", f"-L{tmp_path}/lib", "-lzenoh_tf"]
+
+
+def test_a_program_with_zenoh_pico_writes_to_a_server(
+    start_sharing: StartServer, socket_folder: Path, tmp_path: Path
+) -> None:
+    run("sh", ROOT / "scripts/cpp_example.sh", tmp_path)
+    pick = ROOT / "build/library/examples/pick"
+    if not pick.exists():
+        pytest.skip("zenoh-pico is not where CMake looks for packages")
+    server = start_sharing()
+    command = [pick, server.endpoint, socket_folder]
+    with server.connect() as tf:
+        tf.set_transform(StampedTransform("map", "gripper", 1, Transform((1, 2, 0))))
+        refused = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert refused.returncode == 1
+        assert refused.stderr.startswith("ZTF_LOOKUP: frame 'object' does not exist")
+        tf.set_transform(StampedTransform("map", "object", 1, Transform((3, 2, 0))))
+        assert run(*command) == "the gripper holds the object\n"
+        held = tf.lookup_latest_transform("gripper", "object")
+        assert held.transform.translation[0] == 2
+        assert tf.parent("object") == "gripper"

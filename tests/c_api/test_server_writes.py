@@ -16,7 +16,7 @@ from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import zenoh_config
-from zenoh_tf_client import Transaction
+from zenoh_tf_client import Credentials, Transaction
 
 from .readers import Reader
 
@@ -38,8 +38,13 @@ def query_of(session: zenoh.Session) -> Query:
 
 
 @contextmanager
-def writer_of(server: ServerProcess, folder: Path, timeout_ms: int = LONG_MS) -> Iterator[Reader]:
-    config = zenoh_config.client([server.endpoint], 5.0)
+def writer_of(
+    server: ServerProcess,
+    folder: Path,
+    timeout_ms: int = LONG_MS,
+    credentials: Credentials | None = None,
+) -> Iterator[Reader]:
+    config = zenoh_config.client([server.endpoint], 5.0, credentials=credentials)
     with zenoh.open(config) as session, Reader() as writer:
         writer.query = query_of(session)
         writer.do("open", server.tree, folder, LONG_MS)

@@ -62,9 +62,13 @@ std::string once_fields(std::int64_t expires_ns, const std::string& instance) {
   std::string id;
   while (id.size() < 16) id += bytes_of(std::uint64_t{random()} << 32 | random());
   return MessageWriter()
-      .text("id").binary(id)
-      .text("expires_ns").raw("\xd3").raw(bytes_of(static_cast<std::uint64_t>(expires_ns)))
-      .text("instance").text(instance)
+      .text("id")
+      .binary(id)
+      .text("expires_ns")
+      .raw("\xd3")
+      .raw(bytes_of(static_cast<std::uint64_t>(expires_ns)))
+      .text("instance")
+      .text(instance)
       .take();
 }
 
@@ -139,15 +143,18 @@ Rejected rejected_of(const MessageMap& error) {
 
 void pause(std::int64_t duration_ns, std::int64_t deadline_ns) {
   const std::int64_t left = deadline_ns - monotonic_ns();
-  std::this_thread::sleep_for(
-      std::chrono::nanoseconds(std::clamp<std::int64_t>(duration_ns, 0, std::max<std::int64_t>(left, 0))));
+  std::this_thread::sleep_for(std::chrono::nanoseconds(
+      std::clamp<std::int64_t>(duration_ns, 0, std::max<std::int64_t>(left, 0))));
 }
 
 }  // namespace
 
 ServerWrites::ServerWrites(std::string_view tree, ztf_query_fn query, void* context,
                            std::int64_t timeout_ns)
-    : prefix_(std::string("tf/v1/").append(escaped(tree))), query_(query), context_(context), timeout_ns_(timeout_ns) {}
+    : prefix_(std::string("tf/v1/").append(escaped(tree))),
+      query_(query),
+      context_(context),
+      timeout_ns_(timeout_ns) {}
 
 std::string ServerWrites::ask(const std::string& key, std::string_view message,
                               std::int64_t deadline_ns) {
@@ -177,7 +184,8 @@ bool ServerWrites::has_rules(const std::string& instance, std::int64_t deadline_
       fail(kServerRestarted, "another server than that of the memory has the tree now");
     pause(kAskAgainNs, deadline_ns);
   }
-  fail(kServerUnavailable, "nobody answers on " + prefix_ + ": does the Zenoh session reach the server?");
+  fail(kServerUnavailable,
+       "nobody answers on " + prefix_ + ": does the Zenoh session reach the server?");
 }
 
 std::string ServerWrites::run(std::string_view type, std::string_view subject,
@@ -214,9 +222,8 @@ std::string ServerWrites::run(std::string_view type, std::string_view subject,
 
 void ServerWrites::commit(const CommitRequest& request, std::span<std::uint8_t> results,
                           const std::string& instance) {
-  const std::string reply =
-      run("commit", request.authority, instance,
-          [&](std::string_view once) { return commit_body(request, once); });
+  const std::string reply = run("commit", request.authority, instance,
+                                [&](std::string_view once) { return commit_body(request, once); });
   const std::optional<std::string_view> stored = MessageMap(reply).binary("stored");
   if (!stored || stored->size() != request.rows.size())
     fail(kProtocol, "the reply does not say what was stored");

@@ -1,8 +1,8 @@
 // Writes to the tree of a server: requests of docs/reference/protocol.md, which the caller's
 // function sends over Zenoh.
 //
-// The server's clock is this host's CLOCK_MONOTONIC, as for the lease of its memory. So a write that
-// got no reply in time ran before its time-out, or never will.
+// The server's clock is this host's CLOCK_MONOTONIC, as for the lease of its memory. So a write
+// that got no reply in time ran before its time-out, or never will.
 //
 // Thread safety: every function, from any thread.
 #pragma once

@@ -32,8 +32,8 @@ void write(ztf_tree* tree, Own&& own, OfServer&& of_server) {
   if (tree->own) return own(*tree->own);
   if (!tree->writes)
     reject(kReadOnly, "the tree is a server's: give it ztf_write_through() to write to it");
-  const std::string instance = tree->server->read(
-      [](const SharedTree& of, std::uint64_t) { return of.options().instance; });
+  const std::string instance =
+      tree->server->read([](const SharedTree& of, std::uint64_t) { return of.options().instance; });
   of_server(*tree->writes, instance);
 }
 
@@ -84,7 +84,8 @@ template <class AnyTree>
 bool still_holds(const ztf_transaction& t, const AnyTree& tree) {
   for (std::size_t i = 0; i < t.read_names.size(); ++i) {
     const FrameId frame = t.read_frames[i];
-    if (frame == 0 ? tree.find(t.read_names[i]) != 0 : tree.info(frame).version != t.read_versions[i])
+    if (frame == 0 ? tree.find(t.read_names[i]) != 0
+                   : tree.info(frame).version != t.read_versions[i])
       return false;
   }
   return true;
@@ -118,7 +119,8 @@ Code look_up(ztf_transaction& t, const AnyTree& tree, std::uint64_t number, Op o
 
 void clear(ztf_transaction& t) {
   t.number = 0;
-  t.names.clear(), t.rows.clear(), t.read_names.clear(), t.read_frames.clear(), t.read_versions.clear();
+  t.names.clear(), t.rows.clear(), t.read_names.clear(), t.read_frames.clear(),
+      t.read_versions.clear();
 }
 
 Code commit(ztf_transaction& t, const char* authority, std::int32_t flags) {
@@ -227,8 +229,7 @@ ztf_code ztf_transaction_lookup(ztf_transaction* t, ztf_op op, const char* targe
   });
 }
 
-ztf_code ztf_transaction_set(ztf_transaction* t, const ztf_transform* transform,
-                             ztf_error* error) {
+ztf_code ztf_transaction_set(ztf_transaction* t, const ztf_transform* transform, ztf_error* error) {
   return guarded(t->tree, error, [&] {
     const std::string_view parent = text_of(transform->parent, "parent"),
                            child = text_of(transform->child, "child");
