@@ -30,8 +30,8 @@ class Reader:
         self.process.stdin.flush()
         while (line := self.process.stdout.readline()).startswith("query "):
             _, key, payload, timeout_ms = line.split()
-            reply = self.query(key, bytes.fromhex(payload), int(timeout_ms) / 1000)
-            self.process.stdin.write(reply.hex() + "\n")
+            answer = self.query(key, bytes.fromhex(payload), int(timeout_ms) / 1000)
+            self.process.stdin.write(answer.hex() + "\n")
             self.process.stdin.flush()
         assert line, f"the reader ended: {self.process.wait()}"
         code, *reply = line.split()

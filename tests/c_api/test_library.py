@@ -51,7 +51,7 @@ def test_a_program_with_zenoh_pico_writes_to_a_server(
     if not pick.exists():
         pytest.skip("zenoh-pico is not where CMake looks for packages")
     server = start_sharing()
-    command = [pick, server.endpoint, socket_folder]
+    command: list[str | Path] = [pick, server.endpoint, socket_folder]
     with server.connect() as tf:
         tf.set_transform(StampedTransform("map", "gripper", 1, Transform((1, 2, 0))))
         refused = subprocess.run(command, check=False, capture_output=True, text=True)

@@ -16,6 +16,7 @@ from tests.conftest import StartServer
 from tests.processes.servers import ServerProcess
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._net import zenoh_config
+from zenoh_tf._net.credentials import NO_CREDENTIALS
 from zenoh_tf_client import Credentials, Transaction
 
 from .readers import Reader
@@ -31,7 +32,9 @@ def query_of(session: zenoh.Session) -> Query:
 
     def query(key: str, payload: bytes, timeout_s: float) -> bytes:
         for reply in session.get(key, payload=payload, timeout=timeout_s):
-            return bytes((reply.ok if reply.ok is not None else reply.err).payload)
+            answer = reply.ok or reply.err
+            assert answer is not None
+            return bytes(answer.payload)
         return b""
 
     return query
@@ -42,7 +45,7 @@ def writer_of(
     server: ServerProcess,
     folder: Path,
     timeout_ms: int = LONG_MS,
-    credentials: Credentials | None = None,
+    credentials: Credentials = NO_CREDENTIALS,
 ) -> Iterator[Reader]:
     config = zenoh_config.client([server.endpoint], 5.0, credentials=credentials)
     with zenoh.open(config) as session, Reader() as writer:
