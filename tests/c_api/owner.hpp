@@ -11,7 +11,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <optional>
 #include <thread>
 
 #include "fixture.hpp"
@@ -30,31 +29,28 @@ class SocketFolder {
   std::string path;
 };
 
-class Owner {
+// The socket, from which readers get the descriptor of a region.
+class HandOver {
  public:
-  Owner(const SocketFolder& folder, const std::string& instance, const std::string& tree = "main")
-      : world({.cache_ns = 1'000'000'000, .shared = true, .instance = instance}),
-        tree_(tree),
-        path_(folder.path + "/" + tree + "-" + instance + ".sock") {
+  HandOver(const SocketFolder& folder, const std::string& instance, const std::string& tree,
+           int region)
+      : tree_(tree), region_(region), path_(folder.path + "/" + tree + "-" + instance + ".sock") {
     listener_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     std::memcpy(address.sun_path, path_.c_str(), path_.size());
     CHECK_EQ(::bind(listener_, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
     CHECK_EQ(::listen(listener_, 16), 0);
-    keeper_.emplace(world.tree.state());
     thread_ = std::thread([this] { hand_over(); });
   }
-  ~Owner() {
+  ~HandOver() {
     ::shutdown(listener_, SHUT_RDWR);
     thread_.join();
     ::close(listener_);
     std::filesystem::remove(path_);
   }
-  Owner(const Owner&) = delete;
-  Owner& operator=(const Owner&) = delete;
-
-  World world;
+  HandOver(const HandOver&) = delete;
+  HandOver& operator=(const HandOver&) = delete;
 
  private:
   void hand_over() {
@@ -77,16 +73,30 @@ class Owner {
       rights->cmsg_level = SOL_SOCKET;
       rights->cmsg_type = SCM_RIGHTS;
       rights->cmsg_len = CMSG_LEN(sizeof(int));
-      const int region = world.tree.descriptor();
-      std::memcpy(CMSG_DATA(rights), &region, sizeof region);
+      std::memcpy(CMSG_DATA(rights), &region_, sizeof region_);
       (void)!::sendmsg(peer, &header, MSG_NOSIGNAL);
     }
   }
 
-  const std::string tree_, path_;
+  const std::string tree_;
+  const int region_;
+  const std::string path_;
   int listener_;
-  std::optional<LeaseKeeper> keeper_;
   std::thread thread_;
+};
+
+class Owner {
+ public:
+  Owner(const SocketFolder& folder, const std::string& instance, const std::string& tree = "main")
+      : world({.cache_ns = 1'000'000'000, .shared = true, .instance = instance}),
+        keeper_(world.tree.state()),
+        socket_(folder, instance, tree, world.tree.descriptor()) {}
+
+  World world;
+
+ private:
+  LeaseKeeper keeper_;
+  HandOver socket_;
 };
 
 }  // namespace ztf
