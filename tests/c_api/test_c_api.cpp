@@ -459,3 +459,47 @@ TEST(without_a_way_to_write_a_servers_tree_is_read_only) {
   CHECK_EQ(int{thrown([&] { tree.remove_frame("map"); })}, read_only);
   CHECK_EQ(int{thrown([&] { zenoh_tf::Tree().server(); })}, int{ZTF_INVALID_ARGUMENT});
 }
+
+TEST(no_read_of_a_transaction_is_torn) {
+  zenoh_tf::Tree tree;
+  std::atomic<Stamp> clock{1};
+  std::atomic<int> reading{2};
+  // Both links are written together, and cancel each other.
+  const auto write = [&] {
+    const Stamp stamp = clock.fetch_add(1);
+    const auto x = static_cast<double>(stamp);
+    tree.set_xact({{"map", "base", stamp, {x, 0, 0, 0, 0, 0, 1}},
+                   {"base", "tool", stamp, {-x, 0, 0, 0, 0, 0, 1}}});
+  };
+  write();
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 2; ++i)
+    threads.emplace_back([&] {
+      while (reading > 0) write();
+    });
+  for (int i = 0; i < 2; ++i)
+    threads.emplace_back([&] {
+      ztf_frame frames[3];
+      const char* const names[]{"map", "base", "tool"};
+      for (int n = 0; n < 3; ++n)
+        CHECK_EQ(int{ztf_resolve(tree.get(), names[n], frames + n, nullptr)}, int{ZTF_OK});
+      Stamp last = 0;
+      for (int changes = 0; changes < 2000;) {
+        ztf_pose poses[2];
+        std::int64_t stamps[2];
+        CHECK_EQ(int{ztf_lookup_xact(tree.get(), ZTF_LATEST_XACT, frames, frames + 1, 2, 0, poses,
+                                     stamps, nullptr)},
+                 int{ZTF_OK});
+        CHECK_EQ(poses[0].x, -poses[1].x);
+        CHECK_EQ(stamps[0], stamps[1]);
+        CHECK(stamps[0] >= last);
+        changes += stamps[0] != last;
+        last = stamps[0];
+        const zenoh_tf::Answer answer = tree.latest_xact("map", "tool");
+        CHECK_EQ(answer.pose.x, 0);
+        CHECK_EQ(answer.stamp_ns, answer.newest_stamp_ns);
+      }
+      --reading;
+    });
+  for (std::thread& thread : threads) thread.join();
+}
