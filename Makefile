@@ -15,7 +15,7 @@ CORE := $(shell find zenoh_tf/core zenoh_tf/bindings -type f) $(wildcard zenoh_t
 CPP := $(shell find include zenoh_tf tests bench examples -name "*.[ch]pp" -o -name "*.[ch]")
 
 .DEFAULT_GOAL := help
-.PHONY: help native demo demo-ros2 cpp-example setup check test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
+.PHONY: help native demo demo-ros2 cpp-example deb setup check test test-ci test-slow test-packages test-all histories anomalies chaos fuzz soak attack \
 	coverage mutants mutants-client lint format docs bench figures core-test platforms \
 	wheel image-test clean
 
@@ -48,6 +48,9 @@ demo-ros2: .venv/native.stamp ## two emulated ROS 2 robots join a server, in und
 
 cpp-example: .venv/runtime.stamp ## libzenoh_tf, and a program in C and one in C++ that use it
 	@$(LOCK) sh scripts/cpp_example.sh
+
+deb: .venv/runtime.stamp ## libzenoh_tf as a Debian package, in dist
+	@$(LOCK) sh scripts/deb.sh
 
 # More than cores, as tests also wait.
 WORKERS ?= 3
