@@ -18,7 +18,8 @@ report() { table+=$(printf '%-34s %-44s %6s' "$@")$'\n'; }
 build_and_test() {
     local log=$1 folder=$2 cxx=$3 emulator=$4 timeout_s=300
     [ -z "$emulator" ] || timeout_s=1800
-    nice cmake -S zenoh_tf/core -B "$folder" -G Ninja -DZTF_BUILD_TESTS=ON -DZTF_BUILD_LIBRARY=ON -DZTF_WERROR=ON \
+    nice cmake -S zenoh_tf/core -B "$folder" -G Ninja -DZTF_BUILD_TESTS=ON \
+        -DZTF_BUILD_LIBRARY=ON -DZTF_WERROR=ON \
         -DCMAKE_CXX_COMPILER="$cxx" -DCMAKE_CROSSCOMPILING_EMULATOR="${emulator// /;}" \
         -DZTF_TEST_TIMEOUT_S="$timeout_s" "${@:5}" >"$log" 2>&1 &&
         nice cmake --build "$folder" >>"$log" 2>&1 &&
