@@ -88,7 +88,10 @@ class HandOver {
 class Owner {
  public:
   Owner(const SocketFolder& folder, const std::string& instance, const std::string& tree = "main")
-      : world({.cache_ns = 1'000'000'000, .shared = true, .instance = instance}),
+      : world({.cache_ns = 1'000'000'000,
+               .max_memory_bytes = 1 << 26,  // an emulator reserves them
+               .shared = true,
+               .instance = instance}),
         keeper_(world.tree.state()),
         socket_(folder, instance, tree, world.tree.descriptor()) {}
 

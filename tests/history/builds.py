@@ -33,7 +33,8 @@ def build_faulty_driver(fault: Fault) -> Path:
     copy = folder / "zenoh_tf/core"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(CORE, copy)
-    (folder / "tests").symlink_to(ROOT / "tests")
+    for same in ("tests", "include", "zenoh_tf/c_api"):
+        (folder / same).symlink_to(ROOT / same)
     (copy / fault.file).write_text(faulty_text(fault))
     return _build(
         copy,

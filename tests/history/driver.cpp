@@ -10,8 +10,9 @@
 // names come and go (churn.hpp): their links have numbers from kLinks on.
 //
 // Half of the threads may read elsewhere: in the tree's memory as other processes map it, or in a
-// mirror. What a mirror shows may be old, so such a read has no earliest time (history.py), unless
-// a commit has found that it was current.
+// mirror. Or they read and write by the functions of zenoh_tf.h, as programs in C do. What a mirror
+// shows may be old, so such a read has no earliest time (history.py), unless a commit has found
+// that it was current.
 //
 // Thread safety: each thread has its own record. The tree and the counter of stamps are shared.
 #include <algorithm>
@@ -30,6 +31,7 @@
 #include <thread>
 #include <vector>
 
+#include "c_api/calls.hpp"
 #include "churn.hpp"
 #include "links.hpp"
 #include "mirror.hpp"
@@ -65,7 +67,7 @@ std::int64_t now_ns() {
 }
 
 struct World {
-  World(const Options& options) : tree(options) {
+  World(const Options& options) : handle{.own = std::make_unique<Tree>(options)} {
     for (int frame = 0; frame <= kLinks; ++frame) names.push_back("frame" + std::to_string(frame));
     commit((1u << kLinks) - 1, 0, {}, {});
     ids = ids_in(tree);
@@ -85,11 +87,9 @@ struct World {
     return found;
   }
 
-  // `read_ids`: the ids that the read set has.
-  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads, const Ids& read_ids) {
+  // The links in any order.
+  std::vector<Row> rows_of(unsigned links, Stamp stamp) {
     written[static_cast<std::size_t>(stamp)] = links;
-    std::vector<std::string_view> frames(names.begin(), names.end()), read_names;
-    std::vector<Version> read_versions;
     std::vector<Row> rows;
     for (int link = 0; link < kLinks; ++link) {
       if (!(links >> link & 1)) continue;
@@ -101,7 +101,15 @@ struct World {
                       stamp,
                       {xyz[0], xyz[1], xyz[2], 0, 0, 0, 1}});
     }
-    if (stamp % 2) std::reverse(rows.begin(), rows.end());  // rows come in any order
+    if (stamp % 2) std::reverse(rows.begin(), rows.end());
+    return rows;
+  }
+
+  // `read_ids`: the ids that the read set has.
+  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads, const Ids& read_ids) {
+    std::vector<std::string_view> frames(names.begin(), names.end()), read_names;
+    std::vector<Version> read_versions;
+    const std::vector<Row> rows = rows_of(links, stamp);
     if (reads)
       for (const ReadVersion& read : *reads) {
         const auto id = std::find(read_ids.begin(), read_ids.end(), read.frame);
@@ -121,7 +129,9 @@ struct World {
     return committed;
   }
 
-  Tree tree;
+  ztf_tree handle;  // of the tree, for C
+  Tree& tree = *handle.own;
+  bool uses_c = false;                 // half of the threads
   std::unique_ptr<SharedTree> mapped;  // the tree as other processes see it, if it is shared
   std::atomic<std::int64_t> mapped_reads{0};
   std::unique_ptr<Mirror> mirror;  // if the tree has a change log
@@ -140,6 +150,7 @@ class Client {
       : world_(world),
         thread_(thread),
         reads_mirror_(world.mirror && thread % 2 != 0),
+        uses_c_(world.uses_c && thread % 2 != 0),
         ids_(reads_mirror_ ? world.mirror_ids : world.ids),
         random_(seed) {}
 
@@ -150,6 +161,8 @@ class Client {
       has_committed_ = false;
       if (!reads_mirror_ && random_() % 10 < 4) {
         step_churn();
+      } else if (uses_c_) {
+        if (!step_by_c(dice)) return;
       } else if (dice < 22) {
         if (!write(nullptr)) return;
       } else if (dice < 45) {
@@ -193,22 +206,133 @@ class Client {
     return {ids_, op, target, other + (other >= target)};
   }
 
-  // Returns false when the stamps are used up, which ends the history.
-  bool write(const ReadSet* reads) {
-    const Stamp stamp = world_.clock.fetch_add(1);
-    if (stamp > kLastStamp) {
+  // What a transaction writes; none when the stamps are used up, which ends the history.
+  struct Write {
+    unsigned links = 0;
+    Stamp stamp = 0;
+  };
+  std::optional<Write> begin_write() {
+    Write write{0, world_.clock.fetch_add(1)};
+    if (write.stamp > kLastStamp) {
       world_.left = 0;
       transactions.back().responded_ns = now_ns();
-      return false;
+      return std::nullopt;
     }
-    unsigned links = 0;
-    for (unsigned n = 1 + random_() % 4; n > 0; --n) links |= 1u << random_() % kLinks;
+    for (unsigned n = 1 + random_() % 4; n > 0; --n) write.links |= 1u << random_() % kLinks;
     for (int link = 0; link < kLinks; ++link)
-      if (links >> link & 1) note(true, link, stamp);
-    const Outcome outcome = world_.commit(links, stamp, reads, ids_);
+      if (write.links >> link & 1) note(true, link, write.stamp);
+    return write;
+  }
+
+  // Returns false when the stamps are used up.
+  bool write(const ReadSet* reads) {
+    const std::optional<Write> begun = begin_write();
+    if (!begun) return false;
+    const Outcome outcome = world_.commit(begun->links, begun->stamp, reads, ids_);
     transactions.back().outcome = outcome;
     has_committed_ = outcome == committed;
     return true;
+  }
+
+  // --- by the functions of zenoh_tf.h
+
+  std::vector<ztf_transform> transforms_of(const Write& write) {
+    std::vector<ztf_transform> out;
+    for (const Row& row : world_.rows_of(write.links, write.stamp))
+      out.push_back({name(static_cast<int>(row.parent)), name(static_cast<int>(row.child)),
+                     row.stamp, c_api::pose_of(row.pose)});
+    return out;
+  }
+  [[nodiscard]] const char* name(int frame) const {
+    return world_.names[static_cast<std::size_t>(frame)].c_str();
+  }
+
+  void note_outcome(ztf_code code, const ztf_error& error) {
+    const bool is_late =
+        code == ZTF_INVALID_ARGUMENT && std::string_view(error.field) == "stamp_ns";
+    if (code != ZTF_OK && code != ZTF_CONFLICT && !is_late) fail(error.message);
+    transactions.back().outcome = code == ZTF_OK ? committed : is_late ? late : conflict;
+  }
+  void note_c(const Question& question, ztf_code code, const ztf_answer& found) {
+    Answer answer;
+    answer.failure.code = static_cast<Code>(code);
+    answer.pose = c_api::pose_of(found.pose);
+    answer.stamp = found.stamp_ns, answer.newest = found.newest_stamp_ns;
+    note_answer(question, answer);
+  }
+
+  // One transaction. Returns false when the stamps are used up.
+  bool step_by_c(unsigned dice) {
+    if (dice < 22) return write_by_c();
+    if (dice < 45) return read_and_write_by_c();
+    if (dice < 75)
+      ask_by_c(some_pair(random_() % 3 ? Op::latest_xact : Op::latest_common));
+    else
+      ask_together_by_c();
+    return true;
+  }
+  bool write_by_c() {
+    const std::optional<Write> begun = begin_write();
+    if (!begun) return false;
+    const std::vector<ztf_transform> rows = transforms_of(*begun);
+    ztf_error error{};
+    error.size = sizeof error;
+    note_outcome(ztf_set_xact(&world_.handle, rows.data(), rows.size(), "", 0, &error), error);
+    return true;
+  }
+  bool read_and_write_by_c() {
+    ztf_error error{};
+    error.size = sizeof error;
+    ztf_transaction* begun = nullptr;
+    ztf_code code = ztf_transaction_begin(&world_.handle, &begun, &error);
+    const std::unique_ptr<ztf_transaction, void (*)(ztf_transaction*)> transaction(
+        begun, ztf_transaction_end);
+    for (unsigned n = 1 + random_() % 2; n > 0 && code == ZTF_OK; --n) {
+      const Question question = some_pair(Op::latest_xact);
+      ztf_answer found{};
+      found.size = sizeof found;
+      code = ztf_transaction_lookup(begun, ZTF_LATEST_XACT, name(question.target),
+                                    name(question.source), 0, &found, &error);
+      if (code == ZTF_OK) note_c(question, code, found);
+    }
+    if (transactions.back().outcome == nonsense) return true;
+    if (random_() % 4 == 0) std::this_thread::yield();
+    if (code == ZTF_OK) {
+      const std::optional<Write> write = begin_write();
+      if (!write) return false;
+      for (const ztf_transform& row : transforms_of(*write))
+        if (code == ZTF_OK) code = ztf_transaction_set(begun, &row, &error);
+      if (code == ZTF_OK) code = ztf_transaction_commit(begun, "", 0, &error);
+    }
+    note_outcome(code, error);
+    return true;
+  }
+  void ask_by_c(const Question& question) {
+    ztf_answer found{};
+    found.size = sizeof found;
+    const char *const target = name(question.target), *const source = name(question.source);
+    const ztf_code code =
+        question.query.op == Op::latest_xact
+            ? ztf_latest_xact(&world_.handle, target, source, &found, nullptr)
+            : ztf_lookup(&world_.handle, target, source, ZTF_NO_STAMP, nullptr, &found, nullptr);
+    note_c(question, code, found);
+  }
+  void ask_together_by_c() {
+    constexpr std::size_t kPairs = 3;
+    std::vector<Question> questions;
+    ztf_frame targets[kPairs], sources[kPairs];
+    ztf_pose poses[kPairs];
+    std::int64_t stamps[kPairs];
+    for (std::size_t i = 0; i < kPairs; ++i) {
+      questions.push_back(some_pair(Op::latest_xact));
+      if (ztf_resolve(&world_.handle, name(questions[i].target), &targets[i], nullptr) != ZTF_OK ||
+          ztf_resolve(&world_.handle, name(questions[i].source), &sources[i], nullptr) != ZTF_OK)
+        fail("a frame is not there");
+    }
+    const ztf_code code = ztf_lookup_xact(&world_.handle, ZTF_LATEST_XACT, targets, sources, kPairs,
+                                          0, poses, stamps, nullptr);
+    for (std::size_t i = 0; i < kPairs; ++i)
+      note_c(questions[i], code, {0, poses[i], stamps[i], kNoStamp, 0});
   }
 
   // Calls read(tree). Threads that read as another process does ask the tree itself where that
@@ -287,7 +411,8 @@ class Client {
         return note_nonsense();  // a link that is not on the path
       }
     }
-    if (oldest != answer.stamp || newest != answer.newest) note_nonsense();
+    const bool has_newest = answer.newest != kNoStamp;  // not of ztf_lookup_xact()
+    if (oldest != answer.stamp || (has_newest && newest != answer.newest)) note_nonsense();
   }
 
   // The pose may be interpolated, but the time is the newest stamp of at least one of the links. It
@@ -302,7 +427,7 @@ class Client {
 
   World& world_;
   const int thread_;
-  const bool reads_mirror_;
+  const bool reads_mirror_, uses_c_;
   const Ids& ids_;              // of the tree that is read
   bool has_committed_ = false;  // in this transaction
   std::mt19937 random_;
@@ -339,6 +464,7 @@ int main(int argc, char** argv) {
 #endif
   const int threads = std::stoi(argv[4]);
   World world(options);
+  world.uses_c = reads == "c";
   world.left = std::stoll(argv[5]);
 
   std::vector<Client> clients;

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Concurrency = Literal["optimistic", "2pl", "giant"]
-#: Where half of the threads read: in the tree, its memory as other processes map it, or a mirror.
-Reads = Literal["tree", "shared", "mirror"]
+#: Where half of the threads read: in the tree, its memory as other processes map it, or a mirror;
+#: "c": in the tree, which they read and write by the functions of zenoh_tf.h.
+Reads = Literal["tree", "shared", "mirror", "c"]
 Column = NDArray[np.int64]
 
 #: The call of a transaction that read a mirror: what it read may be old, so it has no earliest

@@ -71,7 +71,8 @@ void ServerTree::follow() {
 }
 
 void ServerTree::map() {
-  auto next = std::make_unique<const Mapped>(map_server_tree(name_, folder_), next_tree_number());
+  std::unique_ptr<const Mapped> next(
+      new Mapped{map_server_tree(name_, folder_), next_tree_number()});
   if (owned_ && is_live()) return;  // the server had only stopped
   mapped_.store(next.get(), std::memory_order_seq_cst);
   times_mapped_.fetch_add(1, std::memory_order_relaxed);
