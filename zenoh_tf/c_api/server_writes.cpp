@@ -11,6 +11,7 @@
 
 #include "base/host.hpp"
 #include "base/rejected.hpp"
+#include "c_api/calls.hpp"
 #include "c_api/message_map.hpp"
 #include "messages/writer.hpp"
 
@@ -137,10 +138,6 @@ Rejected rejected_of(const MessageMap& error) {
           .retry_after_s = facts.real("retry_after_s").value_or(-1)};
 }
 
-[[noreturn]] void fail(Code code, std::string message) {
-  throw Rejected{.code = code, .message = std::move(message)};
-}
-
 void pause(std::int64_t duration_ns, std::int64_t deadline_ns) {
   const std::int64_t left = deadline_ns - monotonic_ns();
   std::this_thread::sleep_for(std::chrono::nanoseconds(
@@ -181,11 +178,11 @@ bool ServerWrites::has_rules(const std::string& instance, std::int64_t deadline_
       return has_rules_ = value.has("access");
     }
     if (value.has("instance"))
-      fail(kServerRestarted, "another server than that of the memory has the tree now");
+      c_api::reject(kServerRestarted, "another server than that of the memory has the tree now");
     pause(kAskAgainNs, deadline_ns);
   }
-  fail(kServerUnavailable,
-       "nobody answers on " + prefix_ + ": does the Zenoh session reach the server?");
+  c_api::reject(kServerUnavailable,
+                "nobody answers on " + prefix_ + ": does the Zenoh session reach the server?");
 }
 
 std::string ServerWrites::run(std::string_view type, std::string_view subject,
@@ -216,8 +213,9 @@ std::string ServerWrites::run(std::string_view type, std::string_view subject,
     if (may_have_run && says_little) break;
     throw rejected;
   }
-  if (!may_have_run) fail(Code::timeout, "the server was too busy until the write's time was over");
-  fail(kOutcomeUnknown, "no reply in time: the write was done, or never will be");
+  if (!may_have_run)
+    c_api::reject(Code::timeout, "the server was too busy until the write's time was over");
+  c_api::reject(kOutcomeUnknown, "no reply in time: the write was done, or never will be");
 }
 
 void ServerWrites::commit(const CommitRequest& request, std::span<std::uint8_t> results,
@@ -226,7 +224,7 @@ void ServerWrites::commit(const CommitRequest& request, std::span<std::uint8_t> 
                                 [&](std::string_view once) { return commit_body(request, once); });
   const std::optional<std::string_view> stored = MessageMap(reply).binary("stored");
   if (!stored || stored->size() != request.rows.size())
-    fail(kProtocol, "the reply does not say what was stored");
+    c_api::reject(kProtocol, "the reply does not say what was stored");
   std::ranges::copy(*stored, results.begin());
 }
 
