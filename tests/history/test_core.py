@@ -48,7 +48,9 @@ def driver() -> Path:
 NEEDS_MEMFD = pytest.mark.skipif(sys.platform != "linux", reason="needs memfd")
 
 
-@pytest.mark.parametrize("reads", ["tree", pytest.param("shared", marks=NEEDS_MEMFD), "mirror", "c"])
+@pytest.mark.parametrize(
+    "reads", ["tree", pytest.param("shared", marks=NEEDS_MEMFD), "mirror", "c"]
+)
 @pytest.mark.parametrize(
     "concurrency",
     [MODES[0], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:])],
