@@ -59,6 +59,10 @@ Struct read_sized(const Struct* in, Struct value) noexcept {
   return value;
 }
 
+inline void set_answer(const Answer& a, ztf_answer* out) noexcept {
+  if (out) write_sized({0, pose_of(a.pose), a.stamp, a.newest, a.gap}, out);
+}
+
 [[noreturn]] void reject(Code code, std::string message, const char* field = "");
 // These throw Rejected. A text that is not NULL.
 std::string_view text_of(const char* text, const char* field);

@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "base/host.hpp"
-#include "base/rejected.hpp"
+#include "c_api/calls.hpp"
 #include "c_api/message_map.hpp"
 
 namespace ztf {
@@ -51,14 +51,11 @@ struct Greeting {
   Descriptor region;
 };
 
-[[noreturn]] void fail(Code code, std::string message) {
-  throw Rejected{.code = code, .message = std::move(message)};
-}
 // The error of the last call of the system.
 [[noreturn]] void fail_system(const std::string& what) {
   const int error = errno;
-  fail(error == EACCES || error == EPERM ? kAccessDenied : kServerUnavailable,
-       what + ": " + std::strerror(error));
+  c_api::reject(error == EACCES || error == EPERM ? kAccessDenied : kServerUnavailable,
+                what + ": " + std::strerror(error));
 }
 
 // Requires that nobody but root and the owners can replace a socket in the folder, or in one above
@@ -68,9 +65,9 @@ void check_folder(const fs::path& folder, uid_t owner, uid_t other_owner) {
     struct stat status{};
     if (::stat(each.c_str(), &status) != 0) fail_system(each);
     if (status.st_uid != 0 && status.st_uid != owner && status.st_uid != other_owner)
-      fail(kAccessDenied, each.string() + " belongs to another user");
+      c_api::reject(kAccessDenied, each.string() + " belongs to another user");
     if ((status.st_mode & (S_IWGRP | S_IWOTH)) && !(status.st_mode & S_ISVTX))
-      fail(kAccessDenied, "others may write to " + each.string() + ": chmod go-w it");
+      c_api::reject(kAccessDenied, "others may write to " + each.string() + ": chmod go-w it");
     if (each == each.root_path()) return;
   }
 }
@@ -85,7 +82,7 @@ void check_peer(int peer, const fs::path& path) {
   socklen_t size = sizeof user;
   if (::getsockopt(peer, SOL_SOCKET, SO_PEERCRED, &user, &size) != 0) fail_system(path);
   if (user.uid != 0 && user.uid != own && user.uid != owner)
-    fail(kAccessDenied, path.string() + " is the socket of another user");
+    c_api::reject(kAccessDenied, path.string() + " is the socket of another user");
 }
 
 // Connects, also while many others do: then the kernel refuses at first.
@@ -93,7 +90,7 @@ Descriptor connect_to(const fs::path& path, std::int64_t deadline_ns) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.native().size() >= sizeof address.sun_path)
-    fail(Code::invalid_argument, "the path of the socket is too long: " + path.string());
+    c_api::reject(Code::invalid_argument, "the path of the socket is too long: " + path.string());
   std::memcpy(address.sun_path, path.c_str(), path.native().size());
   Descriptor peer(::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (peer.get() < 0) fail_system("socket");
@@ -123,7 +120,8 @@ void receive(int peer, char* out, std::size_t size, Descriptor& region, const fs
     const ssize_t received = ::recvmsg(peer, &message, MSG_CMSG_CLOEXEC);
     if (received < 0 && errno == EINTR) continue;
     if (received < 0) fail_system(path);
-    if (received == 0) fail(kServerUnavailable, path.string() + ": the connection ended early");
+    if (received == 0)
+      c_api::reject(kServerUnavailable, path.string() + ": the connection ended early");
     if (const cmsghdr* const part_of = CMSG_FIRSTHDR(&message);
         part_of && part_of->cmsg_level == SOL_SOCKET && part_of->cmsg_type == SCM_RIGHTS) {
       int number = -1;
@@ -140,10 +138,11 @@ Greeting greet(const fs::path& path) {
   Greeting greeting;
   std::uint32_t size = 0;  // little-endian, as this host
   receive(peer.get(), reinterpret_cast<char*>(&size), sizeof size, greeting.region, path);
-  if (size > kMostBytes) fail(kProtocol, path.string() + " is no server of zenoh-tf");
+  if (size > kMostBytes) c_api::reject(kProtocol, path.string() + " is no server of zenoh-tf");
   greeting.message.resize(size);
   receive(peer.get(), greeting.message.data(), size, greeting.region, path);
-  if (greeting.region.get() < 0) fail(kProtocol, path.string() + " sent no file descriptor");
+  if (greeting.region.get() < 0)
+    c_api::reject(kProtocol, path.string() + " sent no file descriptor");
   return greeting;
 }
 
@@ -179,7 +178,7 @@ std::vector<fs::path> sockets_of(std::string_view tree, const fs::path& folder) 
       sockets.push_back(path);
   }
   if (error == std::errc::permission_denied)
-    fail(kAccessDenied, folder.string() + ": " + error.message());
+    c_api::reject(kAccessDenied, folder.string() + ": " + error.message());
   return sockets;
 }
 
@@ -193,7 +192,7 @@ std::unique_ptr<SharedTree> map_from(const fs::path& path, std::string_view tree
     if (monotonic_ns() >= mapped->lease_ns()) return nullptr;
     return mapped;
   } catch (const RegionRefused& refused) {
-    fail(kProtocol, path.string() + ": " + refused.what());
+    c_api::reject(kProtocol, path.string() + ": " + refused.what());
   }
 }
 
@@ -218,9 +217,9 @@ std::unique_ptr<SharedTree> map_in(const fs::path& folder, std::string_view tree
       if (!mapped) continue;
       // A replica and its primary have the same instance.
       if (found && found->options().instance != mapped->options().instance)
-        fail(Code::invalid_argument,
-             "several servers have a tree " + quoted(tree) + " in " + folder.string() +
-                 ": give each a --share-dir, and name the folder of the one to read");
+        c_api::reject(Code::invalid_argument,
+                      "several servers have a tree " + quoted(tree) + " in " + folder.string() +
+                          ": give each a --share-dir, and name the folder of the one to read");
       found = std::move(mapped);
     }
   } catch (const fs::filesystem_error& error) {
@@ -236,8 +235,8 @@ std::unique_ptr<SharedTree> map_server_tree(std::string_view tree, const std::st
   for (const fs::path& each : folders_of(folder))
     if (std::unique_ptr<SharedTree> found = map_in(each, tree, failure)) return found;
   if (failure && failure->code != kServerUnavailable) throw *std::move(failure);
-  fail(kServerUnavailable, "no server on this host shares a tree " + quoted(tree) +
-                               (failure ? " (" + failure->message + ")" : ""));
+  c_api::reject(kServerUnavailable, "no server on this host shares a tree " + quoted(tree) +
+                                        (failure ? " (" + failure->message + ")" : ""));
 }
 
 }  // namespace ztf

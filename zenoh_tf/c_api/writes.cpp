@@ -113,7 +113,7 @@ Code look_up(ztf_transaction& t, const AnyTree& tree, std::uint64_t number, Op o
   if (!still_holds(t, tree)) reject(kConflict, "what the transaction has read was changed");
   if (answer.failure.code != Code::ok)
     throw lookup_error(tree, answer.failure, target, source, {}, op == Op::latest_common);
-  if (out) write_sized({0, pose_of(answer.pose), answer.stamp, answer.newest, answer.gap}, out);
+  set_answer(answer, out);
   return Code::ok;
 }
 

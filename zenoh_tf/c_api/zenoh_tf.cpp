@@ -57,10 +57,6 @@ Options options_of(const ztf_options* given) {
 
 // --- lookups by names
 
-void set_answer(const Answer& a, ztf_answer* out) noexcept {
-  if (out) write_sized({0, pose_of(a.pose), a.stamp, a.newest, a.gap}, out);
-}
-
 // The result of a lookup: its answer, or its failure.
 template <class AnyTree>
 Code conclude(const AnyTree& tree, const NamedQuery& query, const Answer& answer,
