@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import machine
-from bench.parts import asynchronous, crowd, estimate, mirrors, native, reads, sensors, service
+from bench.parts import asynchronous, cpp, crowd, estimate, mirrors, native, reads, sensors, service
 from bench.report import Report
 
 #: The parts that need no Python package, together named "core".
@@ -27,6 +27,7 @@ PARTS = CORE | {
     "sensors": sensors.measure,
     "reads": reads.reads,
     "readers": reads.readers,
+    "cpp": cpp.measure,
     "rows": service.rows,
     "waiting": service.waiting,
     "mirrors": mirrors.measure,

@@ -81,6 +81,12 @@ def resident_mb(pid: int | str = "self") -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_BYTES / 1e6
 
 
+def proportional_mb(pid: int) -> float:
+    """What a process has in memory; what it shares with others counts in parts."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("Pss:")) * 1024 / 1e6
+
+
 def others_s() -> float:
     """The processor time that programs have used which this process did not start; children count
     as others until they have ended."""

@@ -23,18 +23,19 @@ Labels = Mapping[str, object]
 
 
 @functools.cache
-def build(quick: bool) -> str:
-    """Build bench_core and return its path: once, so that all parts of a run measure the same
-    program. `quick` measures nothing, so it needs a program in short time, not a fast program."""
+def build(source: str, quick: bool, *definitions: str) -> Path:
+    """Build a folder's programs and return where they are: once, so that all parts of a run measure
+    the same programs. `quick` measures nothing, so it needs them in short time, not fast."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    folder = "build/bench-quick" if quick else "build/bench"
-    configure = f"cmake -S bench/core -B {folder} -G Ninja --log-level=WARNING"
+    folder = "build/" + source.replace("/", "-") + ("-quick" if quick else "")
+    configure = f"cmake -S {source} -B {folder} -G Ninja --log-level=WARNING"
+    configure = " ".join([configure, *definitions])
     if quick:
         configure += " -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0"
         configure += " -DCMAKE_BUILD_TYPE=None -DCMAKE_CXX_FLAGS=-O1"
     build = f'CXX="$(sh scripts/compiler.sh)" {configure} && cmake --build {folder} -- --quiet'
     subprocess.run(["sh", "-c", build], cwd=ROOT, env=environment, check=True, stdout=sys.stderr)
-    return str(ROOT / folder / "bench_core")
+    return ROOT / folder
 
 
 class Program:
@@ -49,8 +50,9 @@ class Program:
         }
         defaults |= {"child_to_parent": 0, "offset_ns": 0, "rad_per_ms": 0.002, "grasp": 0}
         words = _words({"links": links, **defaults, **settings})
+        program = str(build("bench/core", report.quick) / "bench_core")
         self._processes = {
-            system: Process(build(report.quick), f"system={system}", *words, wait=False)
+            system: Process(program, f"system={system}", *words, wait=False)
             for system in systems or ("optimistic", "2pl", "giant", "tf2")
         }  # they build their trees side by side
         found = {name: json.loads(each.read_line()) for name, each in self._processes.items()}
