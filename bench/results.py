@@ -90,11 +90,18 @@ class Results:
             low, median, high = (digits(value, least=3) for value in target["found"])
             found = f"{median} ({low} to {high})"
             lines.append(f"| `{target['part']}` | {target['name']} | {wanted} | {found} |")
+        first = files[0]
+        # A part that was measured alone is of another commit, and may be of another machine.
+        alone = "".join(
+            f"; `{file['part']}` on {_machine(file)} at commit {file['commit']:.12}, {file['date']}"
+            for file in files
+            if file["commit"] != first["commit"]
+        )
         load, others = (max(file[key] for file in files) for key in ("load", "background_cores"))
         return {
-            "machine": "{cores} cores of an {cpu}".format(**files[0]["machine"]),
-            "conditions": "commit {commit:.12}, {date}; the load was ".format(**files[0])
-            + f"{load:g} at the start, and other programs used at most {others:g} cores in a part",
+            "machine": _machine(first),
+            "conditions": f"commit {first['commit']:.12}, {first['date']}{alone}; the load was "
+            f"{load:g} at the start, and other programs used at most {others:g} cores in a part",
             "minutes": f"{sum(file['seconds'] for file in files) / 60:.0f}",
             "targets": str(len(targets)),
             "missed": str(len(missed)),
@@ -118,6 +125,10 @@ def digits(value: float, least: int = 2) -> str:
     """At least so many significant digits, three from 10 on; no exponent."""
     count = max(least, 3 if value >= 10 else 2)
     return f"{float(f'{value:.{count}g}'):,.10g}"
+
+
+def _machine(file: Row) -> str:
+    return "{cores} cores of an {cpu}".format(**file["machine"])
 
 
 def _quartiles(found: float | list[float]) -> list[float]:

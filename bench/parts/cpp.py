@@ -142,8 +142,6 @@ def _trial(report: Report, system: str, program: str, call: int) -> Trial:
         pss_mb = [proportional_mb(each.pid) for each in (*readers, *servers)]
         rss_mb = statistics.median(resident_mb(reader.pid) for reader in readers)
         answers = [json.loads(reader.read_line()) for reader in readers]
-    if any(answer["unanswered"] for answer in answers):
-        raise SystemExit("some lookups had no answer")
     percent = [100 * spent_s / usage.took_s for spent_s in usage.cpu_s]
     found = {
         "percent": sum(percent),
@@ -152,6 +150,7 @@ def _trial(report: Report, system: str, program: str, call: int) -> Trial:
         "mb": sum(pss_mb),
         "reader_mb": statistics.median(pss_mb[:READERS]),
         "reader_resident_mb": rss_mb,
+        "unanswered": sum(answer["unanswered"] for answer in answers),
     }
     if servers:
         found["server_percent"], found["server_mb"] = percent[READERS], pss_mb[READERS]
