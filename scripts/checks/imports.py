@@ -18,6 +18,7 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
 EXTRAS = {
     "foxglove": "zenoh_tf_tools",
+    "rerun": "zenoh_tf_tools",
     "matplotlib": "zenoh_tf_tools",
     "prometheus_client": "zenoh_tf_server",
     "geometry_msgs": "zenoh_tf",  # of ROS 2, as rclpy and tf2_msgs
