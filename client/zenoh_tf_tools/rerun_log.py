@@ -19,8 +19,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
+from zenoh_tf.urdf import reader
 from zenoh_tf_tools.errors import CommandError
-from zenoh_tf_tools.urdf import reader
 from zenoh_tf_tools.viewer.changes import LinkChanges
 from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 

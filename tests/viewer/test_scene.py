@@ -10,7 +10,7 @@ import numpy as np
 
 from tests.urdf.shapes import write_urdf
 from tests.viewer.viewers import S, Tree, click, opened, step
-from zenoh_tf_tools.urdf.visuals import read_visuals
+from zenoh_tf.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer import scene
 from zenoh_tf_tools.viewer.models import Model
 from zenoh_tf_tools.viewer.viewer import Viewer

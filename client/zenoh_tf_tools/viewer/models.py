@@ -11,7 +11,7 @@ import viser
 from numpy.typing import NDArray
 
 from zenoh_tf import Transform
-from zenoh_tf_tools.urdf.visuals import Mesh, Shape, Solid, Visual
+from zenoh_tf.urdf.visuals import Mesh, Shape, Solid, Visual
 from zenoh_tf_tools.viewer.placement import Placement
 
 _WXYZ: Final = [6, 3, 4, 5]
