@@ -1,9 +1,9 @@
-"""A tf2_ros script: only the imports and the choice of a server differ."""
+"""A tf2_ros script: only the imports differ. It needs no server, and can use one."""
 
 import argparse
 import time
 
-from zenoh_tf_client.tf2 import (
+from zenoh_tf.tf2 import (
     Buffer,
     Duration,
     Time,
@@ -14,8 +14,9 @@ from zenoh_tf_client.tf2 import (
 )
 
 parser = argparse.ArgumentParser()
-parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
-connect(parser.parse_args().connect)  # or ZENOH_TF_CONNECT in the environment
+parser.add_argument("--connect", help="a server, such as tcp/127.0.0.1:7447")
+if endpoint := parser.parse_args().connect:
+    connect(endpoint)  # the same script on the server's tree
 
 tf_buffer = Buffer()
 tf_listener = TransformListener(tf_buffer)

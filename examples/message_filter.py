@@ -1,18 +1,16 @@
 """Messages wait for their transforms: no lookup fails, and nothing polls. No ROS is needed."""
 
-import argparse
 import queue
 import time
 
-from zenoh_tf_client import tf2
-from zenoh_tf_client.tf2 import Header, Point, PointStamped, Time
+from zenoh_tf import tf2
+from zenoh_tf.tf2 import Header, Point, PointStamped, Time
 
-parser = argparse.ArgumentParser()
-parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
-tf2.connect(parser.parse_args().connect)
+buffer = tf2.Buffer()
+listener = tf2.TransformListener(buffer)
 lines: queue.SimpleQueue[str] = queue.SimpleQueue()
 
-points = tf2.TransformFilter(None, tf2.Buffer(), "map", 2)  # holds two messages at most
+points = tf2.TransformFilter(None, buffer, "map", 2)  # holds two messages at most
 points.registerCallback(lambda p, t: lines.put(f"in map: {tf2.do_transform_point(p, t).point}"))
 points.registerFailureCallback(lambda p, reason, error: lines.put(f"{reason.name}: {error}"))
 

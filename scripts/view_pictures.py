@@ -28,9 +28,9 @@ from playwright.sync_api import Page, sync_playwright
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings.writer import RecordingWriter
+from zenoh_tf.urdf.kinematics import JointTransforms, fixed_transforms
+from zenoh_tf.urdf.reader import read
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.urdf.kinematics import JointTransforms, fixed_transforms
-from zenoh_tf_tools.urdf.reader import read
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 FIGURES: Final = ROOT / "docs/figures"

@@ -249,6 +249,9 @@ class ServerStarting(LookupException):
     code = 23
 
 
+#: Errors of lookups that may succeed after a later write.
+MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, ExtrapolationException)
+
 #: Code -> class, for ``TransformArray.status`` and the wire.
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind

@@ -18,6 +18,7 @@ from foxglove.websocket import ChannelView, Client, ServerListener, StatusLevel,
 
 from zenoh_tf.text import quoted
 from zenoh_tf_tools.errors import CommandError
+from zenoh_tf_tools.viewer.changes import Change, LinkChanges
 from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 
 TOPIC: Final = "/tf"
@@ -52,7 +53,7 @@ class FoxgloveBridge(ServerListener):
         self._new = threading.Event()  # somebody has subscribed
         self._names: list[str] = []
         self._listed_s = self._sent_all_s = -_REPEAT_S
-        self._sent: dict[str, tuple[object, ...]] = {}
+        self._changes = LinkChanges(source)
         self._time_ns = 0
         self._trouble: str | None = None
         self._context = context = Context()  # nobody else holds it
@@ -91,27 +92,19 @@ class FoxgloveBridge(ServerListener):
         if self._new.is_set() or now_s - self._sent_all_s >= _REPEAT_S:
             self._new.clear()
             self._sent_all_s = now_s
-            self._sent.clear()
+            self._changes.forget()
         links = [link for name in self._names if (link := self._source.link(name, self._time_ns))]
         self._time_ns = self._source.now_ns(links)
-        known = [x for x in links if x.parent is not None and x.sample_ns is not None]
-        changed = [link for link in known if _sent(link) != self._sent.get(link.name)]
+        changed = list(self._changes.take(x for x in links if _stamp(x) in _STAMPS_NS))
         for first in range(0, len(changed), _MOST_LINKS):
             self._send(changed[first : first + _MOST_LINKS])
-        self._sent = {link.name: _sent(link) for link in known}
         self._report(links)
 
     def close(self) -> None:
         """End all connections."""
         self._server.stop()
 
-    def _send(self, links: Sequence[ViewedLink]) -> None:
-        links = [link for link in links if _stamp(link) in _STAMPS_NS]
-        answers = self._source.lookups.lookup_transforms(
-            [str(link.parent) for link in links],
-            [link.name for link in links],
-            [_stamp(link) for link in links],
-        )
+    def _send(self, changes: Sequence[Change]) -> None:
         transforms = [
             FrameTransform(
                 timestamp=Timestamp(*divmod(_stamp(link), 10**9)),
@@ -120,13 +113,10 @@ class FoxgloveBridge(ServerListener):
                 translation=Vector3(x=pose[0], y=pose[1], z=pose[2]),
                 rotation=Quaternion(x=pose[3], y=pose[4], z=pose[5], w=pose[6]),
             )
-            # A link may be gone since it was listed.
-            for link, pose, ok in zip(links, answers.poses.tolist(), answers.ok, strict=True)
-            if ok
+            for link, pose in ((link, pose.tolist()) for link, pose in changes)
         ]
-        if transforms:
-            log_ns = min(max(self._time_ns, 0), _STAMPS_NS[-1])
-            self._channel.log(FrameTransforms(transforms=transforms), log_time=log_ns)
+        log_ns = min(max(self._time_ns, 0), _STAMPS_NS[-1])
+        self._channel.log(FrameTransforms(transforms=transforms), log_time=log_ns)
 
     def _report(self, links: Sequence[ViewedLink]) -> None:
         """Show trouble in the app's list of problems."""
@@ -145,8 +135,3 @@ class FoxgloveBridge(ServerListener):
 
 def _stamp(link: ViewedLink) -> int:
     return link.sample_ns or 0
-
-
-def _sent(link: ViewedLink) -> tuple[object, ...]:
-    """What is sent again once it has changed."""
-    return link.parent, link.sample_ns, link.static

@@ -18,13 +18,17 @@ RUN_TIME = {"zenoh", "numpy", "msgpack", "uvloop"}
 #: Optional imports: what an extra brings, and the one package that may use it.
 EXTRAS = {
     "foxglove": "zenoh_tf_tools",
+    "rerun": "zenoh_tf_tools",
     "matplotlib": "zenoh_tf_tools",
     "prometheus_client": "zenoh_tf_server",
+    "geometry_msgs": "zenoh_tf",  # of ROS 2, as rclpy and tf2_msgs
     "lz4": "zenoh_tf",
     "mcap": "zenoh_tf",
+    "rclpy": "zenoh_tf",
     "rosbags": "zenoh_tf",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_tools",
+    "tf2_msgs": "zenoh_tf",
     "trimesh": "zenoh_tf_tools",  # viser brings it
     "viser": "zenoh_tf_tools",
     "websockets": "zenoh_tf_tools",  # viser brings it

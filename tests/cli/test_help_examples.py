@@ -27,6 +27,7 @@ ALL = dict(parsers())
 ELSEWHERE = (
     "calibration",
     "foxglove",
+    "rerun",  # a window
     "plot",
     "query",
     "record",

@@ -23,10 +23,10 @@ from tests.processes.servers import ServerProcess
 from tests.support import command_line
 from tests.support.joint_states import HASH, TYPE, encode
 from tests.support.waiting import wait_until
+from zenoh_tf.urdf import reader
+from zenoh_tf.urdf.kinematics import JointTransforms
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.urdf import reader
-from zenoh_tf_tools.urdf.joint_states import JointStateFeed
-from zenoh_tf_tools.urdf.kinematics import JointTransforms
+from zenoh_tf_tools.joint_states import JointStateFeed
 
 ROOT = Path(__file__).resolve().parents[2]
 ARM = ROOT / "examples/arm.urdf"

@@ -12,8 +12,8 @@ import pytest
 
 from tests.support import command_line
 from zenoh_tf import InvalidArgumentException
-from zenoh_tf_tools.urdf import reader
-from zenoh_tf_tools.urdf.kinematics import JointTransforms
+from zenoh_tf.urdf import reader
+from zenoh_tf.urdf.kinematics import JointTransforms
 
 
 def robot(*joints: str) -> bytes:

@@ -12,9 +12,9 @@ import pytest
 from zenoh_tf import InvalidArgumentException
 from zenoh_tf.errors import ProtocolError
 from zenoh_tf.ros2.cdr import JointState, decode_joint_state, encode_joint_state
-from zenoh_tf_tools.urdf import reader
-from zenoh_tf_tools.urdf.kinematics import JointTransforms
-from zenoh_tf_tools.urdf.visuals import Solid, read_visuals
+from zenoh_tf.urdf import reader
+from zenoh_tf.urdf.kinematics import JointTransforms
+from zenoh_tf.urdf.visuals import Solid, read_visuals
 
 
 def robot(*joints: str, more: str = "") -> str:

@@ -1,14 +1,16 @@
-"""The shim on a shared server, and ROS's modules as plain classes."""
+"""Buffers on a shared server and with a tree of their own, and ROS's modules as plain classes."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+import zenoh_tf.tf2
 from tests.processes.servers import ServerProcess
+from zenoh_tf.tf2 import topics
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
 
@@ -32,8 +34,31 @@ def shim(
 
 
 @pytest.fixture
-def buffer(shim: TransformClient) -> tf2.Buffer:
+def process_topics() -> Iterator[None]:
+    """The topics of the process are as new."""
+    topics._statics.clear()
+    yield
+    topics._statics.clear()
+
+
+@pytest.fixture(params=["server", "own tree"])
+def make_buffer(request: pytest.FixtureRequest) -> Callable[..., zenoh_tf.tf2.Buffer]:
+    """Makes a buffer on the server's tree, or with one of its own."""
+    if request.param == "own tree":
+        return zenoh_tf.tf2.Buffer
+    request.getfixturevalue("shim")
+    return tf2.Buffer
+
+
+@pytest.fixture
+def buffer(make_buffer: Callable[..., zenoh_tf.tf2.Buffer]) -> zenoh_tf.tf2.Buffer:
     """map -> base at 1 s."""
-    buffer = tf2.Buffer()
+    buffer = make_buffer()
     buffer.set_transform(link("map", "base", 1), "wheels")
     return buffer
+
+
+def waiters(buffer: zenoh_tf.tf2.Buffer) -> int:
+    """How many lookups wait in the buffer's tree."""
+    waiting: int = buffer._source.tree().stats()["waiters"]  # type: ignore[attr-defined]
+    return waiting

@@ -1,4 +1,4 @@
-"""Message filters against a real server: messages wait there until their transforms come."""
+"""Message filters: messages wait in a buffer's own tree, or at a real server, for transforms."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import pytest
 
 from tests.support.waiting import wait_until
 from zenoh_tf.errors import LimitExceeded, ServerUnavailable
+from zenoh_tf.tf2 import Buffer, FilterFailureReason, MessageFilter, TransformFilter
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
-from zenoh_tf_client.tf2 import FilterFailureReason, MessageFilter, TransformFilter
 
+from .conftest import waiters
 from .fake_ros.geometry_msgs import msg
 from .messages import at, lasting, link
 
@@ -27,7 +28,7 @@ def point(seconds: float, frame: str = "base") -> msg.PointStamped:
     return message
 
 
-def move(buffer: tf2.Buffer, seconds: float, child: str = "base") -> None:
+def move(buffer: Buffer, seconds: float, child: str = "base") -> None:
     buffer.set_transform(link("map", child, seconds, (seconds, 0.0, 0.0)), "wheels")
 
 
@@ -38,7 +39,7 @@ def calls() -> Calls:
 
 
 @pytest.fixture
-def make(buffer: tf2.Buffer, calls: Calls) -> Iterator[Callable[..., TransformFilter]]:
+def make(buffer: Buffer, calls: Calls) -> Iterator[Callable[..., TransformFilter]]:
     """``make(kind, target, size)``: a filter whose callbacks record their arguments."""
     made: list[TransformFilter] = []
 
@@ -59,13 +60,11 @@ def make(buffer: tf2.Buffer, calls: Calls) -> Iterator[Callable[..., TransformFi
         one.close()
 
 
-def test_a_message_waits_for_its_transform(
-    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
-) -> None:
+def test_a_message_waits_for_its_transform(buffer: Buffer, make: Any, calls: Calls) -> None:
     held, late, early = make(), point(3), point(2)
     held.add(late)
     held.add(early)
-    wait_until(lambda: shim.stats()["waiters"] == 2)
+    wait_until(lambda: waiters(buffer) == 2)
     assert (held.stats()["held"], calls) == (2, [])
     move(buffer, 2)
     wait_until(lambda: calls)
@@ -80,7 +79,7 @@ def test_a_message_waits_for_its_transform(
     assert (counts["received"], counts["passed"], counts["held"]) == (2, 2, 0)
 
 
-def test_nothing_waits_for_what_is_there(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
+def test_nothing_waits_for_what_is_there(buffer: Buffer, make: Any, calls: Calls) -> None:
     held, message = make(MessageFilter), point(1)
     held.registerCallback(lambda *arguments: calls.append(arguments), "more", 5)
     held.add(message)
@@ -89,7 +88,7 @@ def test_nothing_waits_for_what_is_there(buffer: tf2.Buffer, make: Any, calls: C
 
 
 def test_a_full_queue_drops_the_oldest_and_its_wait(
-    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
+    buffer: Buffer, make: Any, calls: Calls
 ) -> None:
     held = make(size=3)
     messages = [point(seconds) for seconds in range(2, 7)]
@@ -101,7 +100,7 @@ def test_a_full_queue_drops_the_oldest_and_its_wait(
     error = calls[0][2]
     assert type(error) is LimitExceeded
     assert (error.field, error.limit) == ("queue_size", 3)
-    wait_until(lambda: shim.stats()["waiters"] == 3)  # the server forgets the others
+    wait_until(lambda: waiters(buffer) == 3)  # the server forgets the others
     calls.clear()
     move(buffer, 10)
     wait_until(lambda: len(calls) == 3)
@@ -109,7 +108,7 @@ def test_a_full_queue_drops_the_oldest_and_its_wait(
     assert held.stats()["queue_full"] == 2
 
 
-def test_a_slow_callback_fills_the_queue(buffer: tf2.Buffer, calls: Calls) -> None:
+def test_a_slow_callback_fills_the_queue(buffer: Buffer, calls: Calls) -> None:
     """Messages that are ready count as held, too: nothing grows."""
     go, entered = threading.Event(), threading.Event()
 
@@ -131,14 +130,12 @@ def test_a_slow_callback_fills_the_queue(buffer: tf2.Buffer, calls: Calls) -> No
         assert held.stats()["queue_full"] == 48
 
 
-def test_several_target_frames(
-    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
-) -> None:
+def test_several_target_frames(buffer: Buffer, make: Any, calls: Calls) -> None:
     buffer.set_transform_static(link("base", "camera", 0, (0.0, 0.0, 1.0)), "urdf")
     held, message = make(target=["map", "odom"]), point(2, "camera")
     held.add(message)
     move(buffer, 2)
-    wait_until(lambda: shim.stats()["waiters"] == 1)
+    wait_until(lambda: waiters(buffer) == 1)
     assert calls == []
     move(buffer, 2, "odom")
     wait_until(lambda: calls)
@@ -159,7 +156,7 @@ REFUSED: list[tuple[tuple[float, ...], float, Any, str, type[Exception], str]] =
 
 @pytest.mark.parametrize(("samples_s", "seconds", "frame", "reason", "error", "text"), REFUSED)
 def test_what_cannot_come_is_dropped_at_once(
-    buffer: tf2.Buffer,
+    buffer: Buffer,
     make: Any,
     calls: Calls,
     samples_s: Any,
@@ -188,7 +185,7 @@ def test_what_is_no_message_is_the_callers_error(make: Any) -> None:
     assert held.stats()["received"] == held.stats()["held"] == 0
 
 
-def test_a_time_out(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
+def test_a_time_out(buffer: Buffer, make: Any, calls: Calls) -> None:
     held, message = make(buffer_timeout=lasting(0.05)), point(2)
     held.add(message)
     wait_until(lambda: calls)
@@ -211,7 +208,7 @@ class Subscriber:
             callback(message, *arguments)
 
 
-def test_filters_in_a_row(buffer: tf2.Buffer, calls: Calls) -> None:
+def test_filters_in_a_row(buffer: Buffer, calls: Calls) -> None:
     """A subscriber, then the one filter, then the other."""
     subscriber, message = Subscriber(), point(1)
     first = MessageFilter(subscriber, buffer, "map", 5)
@@ -225,7 +222,7 @@ def test_filters_in_a_row(buffer: tf2.Buffer, calls: Calls) -> None:
 
 
 def test_a_callback_that_fails(
-    buffer: tf2.Buffer, make: Any, calls: Calls, caplog: pytest.LogCaptureFixture
+    buffer: Buffer, make: Any, calls: Calls, caplog: pytest.LogCaptureFixture
 ) -> None:
     held = make()
     held.registerCallback(lambda *_: 1 / 0)
@@ -236,34 +233,34 @@ def test_a_callback_that_fails(
     assert "ZeroDivisionError" in caplog.text
 
 
-def test_clear_and_close_leave_nothing_behind(
-    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
-) -> None:
+def test_clear_and_close_leave_nothing_behind(buffer: Buffer, make: Any, calls: Calls) -> None:
     held = make()
     held.add(point(2))
-    wait_until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: waiters(buffer))
     held.clear()
-    wait_until(lambda: not shim.stats()["waiters"])
+    wait_until(lambda: not waiters(buffer))
     held.add(point(3))
-    wait_until(lambda: shim.stats()["waiters"])
+    wait_until(lambda: waiters(buffer))
     held.close()
     held.close()
     held.add(point(1))
-    wait_until(lambda: not shim.stats()["waiters"])
+    wait_until(lambda: not waiters(buffer))
     move(buffer, 4)
     assert (held.stats()["held"], calls) == (0, [])
 
 
-def test_the_filters_thread_ends(buffer: tf2.Buffer) -> None:
+def test_the_filters_thread_ends(buffer: Buffer) -> None:
     with MessageFilter(None, buffer, "map", 5):
         pass
     wait_until(lambda: "tf2 filter" not in {thread.name for thread in threading.enumerate()})
 
 
-def test_a_closed_connection_drops_what_is_held(
-    shim: TransformClient, make: Any, calls: Calls
-) -> None:
-    held, message = make(), point(2)
+def test_a_closed_connection_drops_what_is_held(shim: TransformClient, calls: Calls) -> None:
+    buffer, message = tf2.Buffer(), point(2)
+    move(buffer, 1)
+    held = TransformFilter(None, buffer, "map", 10)
+    held.registerCallback(lambda *arguments: calls.append(arguments))
+    held.registerFailureCallback(lambda *arguments: calls.append(arguments))
     held.add(message)
     wait_until(lambda: shim.stats()["waiters"])
     tf2.close()
@@ -274,6 +271,7 @@ def test_a_closed_connection_drops_what_is_held(
     held.add(point(1))  # opens the connection again
     wait_until(lambda: calls)
     assert calls[0][1].header.frame_id == "map"
+    held.close()
 
 
 def test_messages_outlive_a_server(start_server: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,25 +293,23 @@ def test_messages_outlive_a_server(start_server: Any, monkeypatch: pytest.Monkey
 
 
 def _stamped(seconds: float) -> Any:
-    from zenoh_tf_client.tf2.messages import stamped_of  # noqa: PLC0415
+    from zenoh_tf.tf2.messages import stamped_of  # noqa: PLC0415
 
     return stamped_of(link("map", "base", seconds))
 
 
-def test_a_queue_without_room_is_refused(buffer: tf2.Buffer) -> None:
+def test_a_queue_without_room_is_refused(buffer: Buffer) -> None:
     with pytest.raises(tf2.InvalidArgumentException) as refusal:
         MessageFilter(None, buffer, "map", 0)
     assert refusal.value.field == "queue_size"
 
 
-def test_many_messages_wait_on_two_threads(
-    shim: TransformClient, buffer: tf2.Buffer, make: Any, calls: Calls
-) -> None:
+def test_many_messages_wait_on_two_threads(buffer: Buffer, make: Any, calls: Calls) -> None:
     held = make(size=1000)
     before = threading.active_count()
     for number in range(1000):
         held.add(point(2 + number / 1000))
-    wait_until(lambda: shim.stats()["waiters"] == 1000)
+    wait_until(lambda: waiters(buffer) == 1000)
     assert threading.active_count() <= before + 2
     move(buffer, 4)
     wait_until(lambda: len(calls) == 1000)
@@ -325,7 +321,7 @@ def test_an_error_that_no_lookup_should_raise(
     async def fail(*_: object) -> None:
         raise RuntimeError("boom")
 
-    monkeypatch.setattr("zenoh_tf_client.tf2.message_filter._look_up", fail)
+    monkeypatch.setattr("zenoh_tf.tf2.message_filter._look_up", fail)
     held, message = make(), point(2)
     held.add(message)
     wait_until(lambda: calls)
@@ -334,7 +330,7 @@ def test_an_error_that_no_lookup_should_raise(
     assert held.stats()["held"] == 0
 
 
-def test_a_callback_cannot_end_the_filter(buffer: tf2.Buffer, make: Any, calls: Calls) -> None:
+def test_a_callback_cannot_end_the_filter(buffer: Buffer, make: Any, calls: Calls) -> None:
     """`sys.exit` would end the filter's thread only."""
 
     def leave(*_: object) -> None:

@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.processes import forks
 from zenoh_tf import StampedTransform, Transform
 
@@ -23,19 +25,27 @@ def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
     return forks.run([sys.executable, *command], timeout=150)
 
 
-def test_the_example_runs(shared_server: Any) -> None:
-    done = run(EXAMPLE, "--connect", shared_server.endpoint)
+@pytest.mark.parametrize("connects", [False, True])
+def test_the_example_runs(shared_server: Any, connects: bool) -> None:
+    done = run(EXAMPLE, *(["--connect", shared_server.endpoint] if connects else []))
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "base_link at Vector3(x=2.0, y=0.0, z=0.0)\n"
 
 
-def test_the_example_of_a_filter_runs(shared_server: Any) -> None:
-    done = run(FILTER_EXAMPLE, "--connect", shared_server.endpoint)
+def test_the_first_lines_run() -> None:
+    first = re.search(r"```python\n(from zenoh_tf.*?)```", PAGE, re.S)
+    assert first is not None
+    done = run("-c", first[1] + "print(buffer.is_on_server)")
+    assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr
+
+
+def test_the_example_of_a_filter_runs() -> None:
+    done = run(FILTER_EXAMPLE)
     assert (done.returncode, done.stderr) == (0, "")
     assert f"It prints\n\n```\n{done.stdout}```\n" in PAGE
 
 
-IMPORTS = [code for code in CODE if "zenoh_tf_client.tf2" in code and "import" in code]
+IMPORTS = [code for code in CODE if "zenoh_tf.tf2" in code and "import" in code]
 
 
 def test_every_import_works() -> None:

@@ -25,10 +25,10 @@ from tests.support import command_line
 from tests.support.joint_states import HASH, TYPE, encode
 from tests.support.waiting import wait_until
 from zenoh_tf._net import zenoh_config
+from zenoh_tf.urdf import reader
+from zenoh_tf.urdf.kinematics import JointTransforms
 from zenoh_tf_client import TransformClient
-from zenoh_tf_tools.urdf import reader
-from zenoh_tf_tools.urdf.joint_states import JointStateFeed
-from zenoh_tf_tools.urdf.kinematics import JointTransforms
+from zenoh_tf_tools.joint_states import JointStateFeed
 
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"
 CASES: list[dict[str, Any]] = json.loads(Path(__file__).with_name("poses.json").read_text())

@@ -19,8 +19,8 @@ from zenoh_tf import (
     TransformTree,
 )
 from zenoh_tf._core import TransformRows
-from zenoh_tf_tools.urdf import reader
-from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
+from zenoh_tf.urdf import reader
+from zenoh_tf.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
 
 HERE = Path(__file__).parent
 ARM = Path(__file__).resolve().parents[2] / "examples/arm.urdf"

@@ -99,3 +99,11 @@ def test_the_examples_of_the_help(shared_server: ServerProcess, tmp_path: Path) 
     assert len(examples) == 4
     for line in examples:
         assert run(line, shared_server.endpoint, tmp_path)
+
+
+def test_the_python_example_runs(tmp_path: Path) -> None:
+    (block,) = (block for kind, block in BLOCKS if kind == "py")
+    shutil.copy(ROOT / "examples/arm.urdf", tmp_path / "robot.urdf")
+    done = forks.run([sys.executable, "-c", block], cwd=tmp_path, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "tool" in done.stdout

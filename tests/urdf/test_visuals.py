@@ -9,7 +9,7 @@ import pytest
 
 from tests.urdf.shapes import URDF, write_urdf
 from zenoh_tf import InvalidArgumentException
-from zenoh_tf_tools.urdf.visuals import Mesh, Solid, read_visuals
+from zenoh_tf.urdf.visuals import Mesh, Solid, read_visuals
 from zenoh_tf_tools.viewer.models import Model, ModelError
 
 

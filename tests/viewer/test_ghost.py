@@ -7,6 +7,7 @@ import pytest
 
 from tests.support.moving_arm import MS, fill
 from tests.viewer.viewers import S, Tree, step
+from zenoh_tf import Transform
 from zenoh_tf_tools.estimate_words import bounds, carried_on
 from zenoh_tf_tools.viewer.viewer import Viewer
 
@@ -31,41 +32,57 @@ def error_now(viewer: Viewer) -> str:
     return text.partition(">error now<")[2].partition("<td>")[2].partition("</td>")[0]
 
 
+def radius(viewer: Viewer) -> float:
+    """Of the ball; its axes are there as long as it is."""
+    ghost = viewer.ghost
+    radius_m = float(ghost._ball.handle.batched_scales[0])
+    assert (ghost._axes.handle.batched_scales > 0).all() == (radius_m > 0)
+    return radius_m
+
+
 def test_where_it_is_and_how_wrong_that_may_be(picked: Viewer, tree: Tree) -> None:
     found = tree.lookups.estimate_transform("map", "tool", NOW_NS)
     ghost = picked.ghost
-    assert ghost._frame.visible
-    np.testing.assert_allclose(
-        ghost._frame.position + picked.scene.origin, found.transform.translation, atol=1e-9
-    )
-    assert ghost._ball.scale == pytest.approx(found.error_m)
+    assert radius(picked) == pytest.approx(found.error_m)
+    axes, ball = ghost._axes.handle, ghost._ball.handle
+    for places in (axes.batched_positions, ball.batched_positions):
+        where = np.tile(found.transform.translation, (len(places), 1))
+        np.testing.assert_allclose(places + picked.scene.origin, where, atol=1e-6)
+    # The rod of each axis is one along z, turned.
+    for wxyz, axis in zip(axes.batched_wxyzs, np.eye(3), strict=True):
+        w, x, y, z = wxyz.tolist()
+        np.testing.assert_allclose(
+            Transform(rotation=(x, y, z, w)).apply_vectors([(0, 0, 1)]),
+            found.transform.apply_vectors([axis]),
+            atol=1e-6,
+        )
     assert error_now(picked) == bounds(found)
     assert f"{carried_on(found)}</td>" in picked.panel.figures.content
     assert carried_on(found).startswith("30 ms: base by ")
     # As long as those of the picked frame, which is beside it.
     length_m = step(picked)["tool"].axes_m
-    assert ghost._axes.scale == pytest.approx(length_m)
+    np.testing.assert_allclose(axes.batched_scales, length_m)
     tree.time_ns += 50 * MS
     step(picked)
-    assert ghost._ball.scale > found.error_m
+    assert radius(picked) > found.error_m
 
 
 def test_no_ghost_without_an_estimate(picked: Viewer, tree: Tree) -> None:
     tree.time_ns = END_NS + 2 * S
     step(picked)
-    assert not picked.ghost._frame.visible
+    assert radius(picked) == 0
     assert error_now(picked).startswith("no estimate: ")
     assert "base" in error_now(picked)
     tree.time_ns = NOW_NS
     step(picked)
-    assert picked.ghost._frame.visible
+    assert radius(picked) > 0
 
 
 def test_no_ghost_of_what_has_no_error(picked: Viewer) -> None:
     picked.panel._fixed.value = "arm"
     step(picked)
     step(picked)
-    assert not picked.ghost._frame.visible
+    assert radius(picked) == 0
     assert error_now(picked) == "none: all links are static"
 
 
@@ -74,23 +91,23 @@ def test_no_ghost_without_a_bound(picked: Viewer, tree: Tree) -> None:
     step(picked)
     picked.panel.select("new")
     step(picked)
-    assert not picked.ghost._frame.visible
+    assert radius(picked) == 0
     assert error_now(picked).startswith("within any length")
 
 
 def test_no_ghost_of_the_past_or_of_a_hidden_frame(picked: Viewer) -> None:
     picked.panel.clock.play.value = False
     step(picked)
-    assert not picked.ghost._frame.visible
+    assert radius(picked) == 0
     assert error_now(picked) == ""
     picked.panel.clock.play.value = True
     picked.panel.frames.unchecked.add("tool")
     step(picked)
-    assert not picked.ghost._frame.visible
+    assert radius(picked) == 0
     picked.panel.frames.unchecked.clear()
     step(picked)
-    assert picked.ghost._frame.visible
+    assert radius(picked) > 0
     picked.panel.estimate.value = False
     step(picked)
-    assert not picked.ghost._frame.visible
+    assert radius(picked) == 0
     assert error_now(picked) == ""

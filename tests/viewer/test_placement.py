@@ -10,7 +10,7 @@ import pytest
 from zenoh_tf import StampedTransform, Transform, TransformTree
 from zenoh_tf_tools.viewer.placement import place, roots_by_size
 from zenoh_tf_tools.viewer.source import ViewedLink
-from zenoh_tf_tools.viewer.trails import MAX_TRAILS, trail_segments
+from zenoh_tf_tools.viewer.trails import MAX_TRAILS, trails_of
 
 S = 10**9
 
@@ -84,14 +84,18 @@ def test_trails_have_gaps_where_there_is_no_answer() -> None:
     for i in range(101):
         tree.set_transform(StampedTransform("map", "base", i * S // 10, Transform((i / 10, 0, 0))))
     moving = [link("base", "map")]
-    lines = trail_segments(tree, "map", moving, 10 * S, 4.0)
+    lines = trails_of(tree, "map", moving, 10 * S, 4.0).segments
     assert lines[0, 0, 0] == pytest.approx(6.0, abs=0.05)
     assert lines[-1, 1, 0] == pytest.approx(10.0, abs=0.05)
     assert np.all(lines[1:, 0] == lines[:-1, 1])
-    # After its last sample it has no more points.
-    assert len(trail_segments(tree, "map", moving, 30 * S, 4.0)) == 0
-    assert len(trail_segments(tree, "elsewhere", moving, 10 * S, 4.0)) == 0
-    assert len(trail_segments(tree, "map", [link("base", "map", age_s=None)], 10 * S, 4.0)) == 0
+    assert trails_of(tree, "map", moving, 10 * S, 4.0).ends["base"][0] == pytest.approx(10.0)
+    late = trails_of(tree, "map", moving, 10 * S + S // 2, 4.0)
+    assert late.ends["base"][0] == pytest.approx(10.0)  # its samples come late
+    # After its last sample it has no more points, and it does not go as far as its frame.
+    assert trails_of(tree, "map", moving, 12 * S, 4.0).ends == {}
+    assert len(trails_of(tree, "map", moving, 30 * S, 4.0).segments) == 0
+    assert len(trails_of(tree, "elsewhere", moving, 10 * S, 4.0).segments) == 0
+    assert len(trails_of(tree, "map", [link("base", "map", age_s=None)], 10 * S, 4.0).segments) == 0
 
 
 def test_trails_are_bounded() -> None:
@@ -103,4 +107,4 @@ def test_trails_are_bounded() -> None:
                 StampedTransform("map", f"f{number}", stamp_s * S, Transform((stamp_s, 0, 0)))
             )
         links.append(link(f"f{number}", "map"))
-    assert len(trail_segments(tree, "map", links, 10**5 * S, 1e5)) <= MAX_TRAILS * 401
+    assert len(trails_of(tree, "map", links, 10**5 * S, 1e5).segments) <= MAX_TRAILS * 401

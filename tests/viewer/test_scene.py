@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from tests.urdf.shapes import write_urdf
-from tests.viewer.viewers import S, Tree, click, opened, step
-from zenoh_tf_tools.urdf.visuals import read_visuals
+from tests.viewer.viewers import QUARTER, S, Tree, click, opened, step
+from zenoh_tf import Transform
+from zenoh_tf.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer import scene
 from zenoh_tf_tools.viewer.models import Model
 from zenoh_tf_tools.viewer.viewer import Viewer
@@ -101,13 +102,21 @@ def test_a_robots_shapes(viser_server: Any, tree: Tree, tmp_path: Path) -> None:
     tree.set("map", "my_box_link", 4)
     with opened(viser_server, tree, models) as viewer:
         step(viewer)
-        assert set(viewer.models._nodes) == {"r1/box_link"}
-        drawn = viewer.models._nodes["r1/box_link"]
-        np.testing.assert_allclose(drawn._frame.position, (3, 0, 0), atol=1e-9)
-        assert drawn._frame.visible
+        assert {model.link for model in viewer.models._nodes} == {"box_link"}
+        for model, node in viewer.models._nodes.items():
+            frame = Transform((3, 0, 0), QUARTER) @ Transform.from_pose(model.origin)
+            expected = frame.translation - viewer.scene.origin
+            np.testing.assert_allclose(node.handle.batched_positions, [expected], atol=1e-6)
+        tree.set("map", "r2/box_link", 5)
+        step(viewer)
+        handles = [node.handle for node in viewer.models._nodes.values()]
+        assert {len(x.batched_positions) for x in handles} == {2}
+        viewer.panel.robot.value = 0.5
+        step(viewer)
+        assert {x.opacity for x in handles} == {0.5}
         viewer.panel.robot.value = 0.0
         step(viewer)
-        assert not drawn._frame.visible
+        assert viewer.models._nodes == {}
 
 
 def test_any_name(viewer: Viewer, tree: Tree) -> None:
@@ -117,9 +126,9 @@ def test_any_name(viewer: Viewer, tree: Tree) -> None:
         tree.set("map", name, number)
     drawn = step(viewer)
     assert set(drawn) == {"map", *names}
-    paths = [node.handle.name for node in viewer.scene._labels.values()]
+    paths = [label.handle.name for _, label in viewer.scene._labels.values()]
     assert len(set(paths)) == len(paths)
-    assert all(re.fullmatch(r"/names/\d+", path) for path in paths)
+    assert all(re.fullmatch(r"/names/\d+/text", path) for path in paths)
     assert "\u202e" not in (drawn["\u00e4\u202e"].label or "")
 
 
@@ -190,6 +199,26 @@ def test_trails_and_trouble(viewer: Viewer, tree: Tree) -> None:
     assert len(viewer.scene._trails.handle.points) == 0
 
 
+def test_a_trail_goes_as_far_as_its_frame(viewer: Viewer, tree: Tree) -> None:
+    """Trails are drawn less often than frames, so the last bit of one is a line of its own."""
+    for i in range(10):
+        tree.set("map", "base", i, stamp_ns=S + i * S // 10)
+    tree.time_ns = 2 * S
+    drawn = step(viewer)
+    trail, head = viewer.scene._trails.handle, viewer.scene._heads.handle
+    assert len(head.points) == 1
+    np.testing.assert_allclose(head.points[0, 0], trail.points[-1, 1], atol=1e-6)
+    tree.set("map", "base", 12, stamp_ns=2 * S)
+    viewer._slow_at_s = float("inf")
+    viewer.step()
+    np.testing.assert_allclose(head.points[0, 0], trail.points[-1, 1], atol=1e-6)
+    where = np.add(drawn["map"].position, (12, 0, 0))
+    np.testing.assert_allclose(head.points[0, 1], where, atol=1e-6)
+    tree.lookups.remove_frame("base")
+    step(viewer)
+    assert len(head.points) == 0
+
+
 def test_nothing_is_sent_when_nothing_changes(viewer: Viewer, tree: Tree) -> None:
     tree.set("map", "base", 1)
     step(viewer)
@@ -200,7 +229,7 @@ def test_nothing_is_sent_when_nothing_changes(viewer: Viewer, tree: Tree) -> Non
             sent.append(name)
 
     drawn = viewer.scene
-    for node in (drawn._axes, drawn._origins, drawn._links, drawn._labels["base"]):
+    for node in (drawn._axes, drawn._origins, drawn._links, *drawn._labels["base"]):
         node.handle = Recorder()
     viewer._slow_at_s = 0.0
     viewer.step()

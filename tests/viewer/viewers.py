@@ -88,7 +88,7 @@ def step(viewer: Viewer) -> dict[str, Drawn]:
     viewer._slow_at_s = 0.0
     viewer.step()
     drawn = viewer.scene
-    names = {name: node.handle for name, node in drawn._labels.items()}
+    names = {name: label.handle for name, (_, label) in drawn._labels.items()}
     axes, origins = drawn._axes.handle, drawn._origins.handle
     return {
         name: Drawn(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,10 +23,7 @@ from zenoh_tf import (
 )
 from zenoh_tf._core import pack_single_lookup, parse_single_answer
 from zenoh_tf.errors import (
-    ConnectivityException,
-    ExtrapolationException,
     InvalidArgumentException,
-    LookupException,
     ProtocolError,
     TransformException,
 )
@@ -39,9 +36,6 @@ from . import columns
 from .request import Call, Request, timeout_ns
 
 T = TypeVar("T")
-
-#: Errors of lookups that may succeed after a later write.
-MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, ExtrapolationException)
 
 
 def _raise(error: TransformException) -> Any:

@@ -1,104 +1,14 @@
-"""The Python API of tf2_ros on a `TransformClient`: a script changes its imports and runs.
+"""`zenoh_tf.tf2` on the server's tree from the first line on, without a call of `connect`.
 
     import zenoh_tf_client.tf2 as tf2_ros                     # was: import tf2_ros
     from zenoh_tf_client.tf2.buffer import Buffer             # was: from tf2_ros.buffer import ...
 
-No ROS is needed or imported. A message is any object with a message's attributes. A time is any
-object with `.nanoseconds` (rclpy) or `.sec` and `.nanosec` (builtin_interfaces). Results are
-the plain classes of `messages`. The environment variables ZENOH_TF_CONNECT and ZENOH_TF_TREE
-name the server; see `connect`. docs/how-to/from-tf2.md lists the differences from tf2.
+The environment variables ZENOH_TF_CONNECT and ZENOH_TF_TREE name the server.
 """
 
-from zenoh_tf.errors import (
-    BackwardExtrapolationException,
-    ConnectivityException,
-    ExtrapolationException,
-    ForwardExtrapolationException,
-    InvalidArgumentException,
-    LookupException,
-    NoDataForExtrapolationException,
-    TimeoutException,
-    TransformException,
-)
+from zenoh_tf.tf2 import *  # noqa: F403 - the same names
+from zenoh_tf.tf2 import __all__ as __all__
 
-from .buffer import Buffer, BufferInterface, NotImplementedException
-from .buffer_client import BufferClient
-from .clouds import do_transform_cloud
-from .connection import close, connect
-from .future import TransformFuture
-from .message_filter import FilterFailureReason, MessageFilter, TransformFilter
-from .messages import (
-    Header,
-    Point,
-    PointStamped,
-    Pose,
-    PoseStamped,
-    Quaternion,
-    Transform,
-    TransformStamped,
-    Vector3,
-    fill,
-)
-from .static_transform_broadcaster import StaticTransformBroadcaster
-from .times import Duration, Time
-from .transform_broadcaster import TransformBroadcaster
-from .transform_listener import StaticTransformListener, TransformListener
-from .transforming import (
-    TransformRegistration,
-    TypeException,
-    do_transform_point,
-    do_transform_polygon_stamped,
-    do_transform_pose,
-    do_transform_pose_stamped,
-    do_transform_pose_with_covariance_stamped,
-    do_transform_vector3,
-    do_transform_wrench,
-)
-
-__all__ = [
-    "BackwardExtrapolationException",
-    "Buffer",
-    "BufferClient",
-    "BufferInterface",
-    "ConnectivityException",
-    "Duration",
-    "ExtrapolationException",
-    "FilterFailureReason",
-    "ForwardExtrapolationException",
-    "Header",
-    "InvalidArgumentException",
-    "LookupException",
-    "MessageFilter",
-    "NoDataForExtrapolationException",
-    "NotImplementedException",
-    "Point",
-    "PointStamped",
-    "Pose",
-    "PoseStamped",
-    "Quaternion",
-    "StaticTransformBroadcaster",
-    "StaticTransformListener",
-    "Time",
-    "TimeoutException",
-    "Transform",
-    "TransformBroadcaster",
-    "TransformException",
-    "TransformFilter",
-    "TransformFuture",
-    "TransformListener",
-    "TransformRegistration",
-    "TransformStamped",
-    "TypeException",
-    "Vector3",
-    "close",
-    "connect",
-    "do_transform_cloud",
-    "do_transform_point",
-    "do_transform_polygon_stamped",
-    "do_transform_pose",
-    "do_transform_pose_stamped",
-    "do_transform_pose_with_covariance_stamped",
-    "do_transform_vector3",
-    "do_transform_wrench",
-    "fill",
-]
+from .buffer import Buffer as Buffer
+from .static_transform_broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
+from .transform_broadcaster import TransformBroadcaster as TransformBroadcaster

@@ -1,33 +1,3 @@
-"""`BufferClient`: a `Buffer` with the constructor of tf2_ros's client of a buffer server."""
+"""As `zenoh_tf.tf2.buffer_client`."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from .buffer import Buffer
-
-
-class BufferClient(Buffer):
-    """Asks the server of the process's connection, as every `Buffer` does.
-
-    It needs no buffer server in the ROS graph, so it has nothing to wait for before the first
-    lookup, and it ends each lookup at its time-out.
-
-    Args:
-        node: Kept as the attribute `node`.
-        ns: Has no effect: ZENOH_TF_CONNECT names the server.
-        check_frequency: Kept as an attribute; has no effect, because nothing polls.
-        timeout_padding: Kept as an attribute; has no effect.
-    """
-
-    def __init__(
-        self,
-        node: Any = None,
-        ns: str = "",
-        check_frequency: float | None = 10.0,
-        timeout_padding: Any = None,
-    ) -> None:
-        super().__init__(node=node)
-        self.node = node
-        self.check_frequency = check_frequency
-        self.timeout_padding = timeout_padding
+from zenoh_tf.tf2.buffer_client import *  # noqa: F403

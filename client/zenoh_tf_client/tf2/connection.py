@@ -1,21 +1,24 @@
-"""The process's one connection, which all buffers and broadcasters of this package share.
-
-Scripts for tf2 name no server, because theirs is whatever is on /tf. So each process has one
-connection. The environment names its server, unless the script calls `connect`.
+"""The process's one connection, which all buffers and broadcasters on a server share.
 
 Thread safety: all functions.
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
+from zenoh_tf import FrameInfo, StampedTransform
 from zenoh_tf._net.zenoh_config import address, endpoints_of
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf._zenoh.calls import raise_if_forked
+from zenoh_tf.errors import InvalidArgumentException, LookupException
+from zenoh_tf.tf2 import sources
+from zenoh_tf.tf2.wait_loop import WaitLoop
+from zenoh_tf_client.aio.client import AsyncTransformClient
+from zenoh_tf_client.aio.session.connection import AsyncConnection
 from zenoh_tf_client.client import TransformClient
-
-from .wait_loop import WaitLoop
 
 _lock = threading.Lock()
 _client: TransformClient | None = None
@@ -25,24 +28,7 @@ _waits: WaitLoop | None = None  # of `_client`, once a lookup waits
 def connect(
     endpoint: str | Sequence[str] | None = None, tree: str | None = None
 ) -> TransformClient:
-    """Return the process's connection; open it if there is none.
-
-    Buffers and broadcasters call it without arguments. A script calls it only to name a server,
-    before it makes anything else.
-
-    Args:
-        endpoint: Where the server listens, or several such endpoints as for
-            `TransformClient.connect`; None for ZENOH_TF_CONNECT, else the SDK's default.
-        tree: The name of the tree; None for ZENOH_TF_TREE, else the SDK's default.
-
-    Returns:
-        The client that all buffers and broadcasters use.
-
-    Raises:
-        ServerUnavailable: No server answers. The next call tries again.
-        AccessDenied: The server does not let this process in.
-        InvalidArgumentException: The open connection has another endpoint or tree.
-    """
+    """As `zenoh_tf.tf2.connect`, for those buffers and broadcasters that need it."""
     global _client  # noqa: PLW0603
     with _lock:
         if _client is None:
@@ -69,16 +55,23 @@ def wait_loop() -> WaitLoop:
         client = connect()
         with _lock:
             if client is _client:  # else another thread has closed it
-                _waits = _waits or WaitLoop(client)
+                _waits = _waits or _wait_loop(client)
                 return _waits
 
 
-def close() -> None:
-    """Close the process's connection and all broadcasters. The next use opens a new connection.
+def _wait_loop(client: TransformClient) -> WaitLoop:
+    """A loop with the session of a client, which must stay open until the loop is closed."""
+    connection = client._connection
 
-    Waiting lookups fail, and message filters drop what they hold. A script need not call it:
-    connections are closed when the interpreter ends.
-    """
+    def lookups() -> contextlib.nullcontext[AsyncTransformClient]:
+        session = AsyncConnection(connection, client._mapped)
+        return contextlib.nullcontext(AsyncTransformClient(session))
+
+    return WaitLoop(lookups, lambda: connection.closed, raise_if_forked)
+
+
+def close() -> None:
+    """As `zenoh_tf.tf2.close`."""
     global _client, _waits
     with _lock:
         client, _client = _client, None
@@ -87,3 +80,32 @@ def close() -> None:
         waits.close()
     if client is not None:
         client.close()
+
+
+class _Server:
+    """The server of the process's connection, which opens at the first use."""
+
+    def tree(self) -> TransformClient:
+        return connect()
+
+    def waits(self) -> WaitLoop:
+        return wait_loop()
+
+    def frames(self) -> list[FrameInfo]:
+        client = connect()
+        with client.batch() as batch:
+            handles = [batch.frame(name) for name in client.frames()]
+        found = []
+        for handle in handles:
+            with contextlib.suppress(LookupException):  # removed since its name was listed
+                found.append(handle.result())
+        return found
+
+    def publisher(
+        self, authority: str, *, static: bool
+    ) -> Callable[[list[StampedTransform]], None]:
+        broadcaster = connect().broadcaster(authority)
+        return broadcaster.send_static if static else broadcaster.send
+
+
+SERVER: Final[sources.Server] = _Server()

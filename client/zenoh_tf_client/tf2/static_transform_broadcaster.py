@@ -1,18 +1,13 @@
-"""`StaticTransformBroadcaster`: transforms that hold at all times."""
+"""`StaticTransformBroadcaster` to the server."""
 
 from __future__ import annotations
 
-from typing import Any
+from zenoh_tf import tf2
 
-from .transform_broadcaster import TransformBroadcaster, stampeds_of
+from .connection import SERVER
 
 
-class StaticTransformBroadcaster(TransformBroadcaster):
-    """As `TransformBroadcaster`, for static transforms.
+class StaticTransformBroadcaster(tf2.StaticTransformBroadcaster):
+    """As `zenoh_tf.tf2.StaticTransformBroadcaster` after `connect`, which it calls if need be."""
 
-    It keeps the last transform of each child frame and announces them all to every new server.
-    """
-
-    def sendTransform(self, transform: Any) -> None:
-        """As `TransformBroadcaster.sendTransform`, and at every new server again."""
-        self._broadcaster.send_static(stampeds_of(transform))
+    _server = SERVER

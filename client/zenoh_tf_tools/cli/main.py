@@ -28,7 +28,7 @@ from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import add_credentials
 from zenoh_tf_tools.cli.recordings import query, record, replay
 from zenoh_tf_tools.cli.setup import calibration, urdf
-from zenoh_tf_tools.cli.show import foxglove, monitor, plot, top
+from zenoh_tf_tools.cli.show import foxglove, monitor, plot, rerun, top
 from zenoh_tf_tools.cli.show import view as viewer
 from zenoh_tf_tools.cli.tree import (
     doctor,
@@ -141,7 +141,7 @@ def _parser(json_errors: bool = False) -> argparse.ArgumentParser:
     parsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     commands = Commands(parsers, common)
     families = [lookups, estimate, explain, follow, doctor, inspect, monitor, top, viewer]
-    families += [foxglove, plot, write, static, urdf, calibration, query, record, replay]
+    families += [foxglove, rerun, plot, write, static, urdf, calibration, query, record, replay]
     for family in families:
         family.add(commands)
     completion.add(commands, _parser)

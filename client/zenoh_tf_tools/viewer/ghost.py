@@ -8,9 +8,10 @@ from typing import Any, Final
 import numpy as np
 import viser
 from numpy.typing import NDArray
-from trimesh.creation import cylinder
+from trimesh.creation import cylinder, icosphere
 
-from zenoh_tf import Estimate
+from zenoh_tf import Estimate, Transform
+from zenoh_tf_tools.viewer.scene import Node
 
 _WXYZ: Final = [6, 3, 4, 5]
 #: The axes' colours, and how they and the ball let light through.
@@ -18,10 +19,11 @@ _COLOURS: Final = np.array([(200, 0, 0), (0, 130, 0), (0, 0, 200)], np.uint8)
 _PALE: Final = 0.5
 _BALL: Final = (220, 90, 0)
 _BALL_PALE: Final = 0.35
-#: Quarter turns (w, x, y, z) that turn z into x, into y, and none.
-_HALF: Final = math.sqrt(0.5)
-_TURNS: Final = np.array(
-    [(_HALF, 0, _HALF, 0), (_HALF, -_HALF, 0, 0), (1, 0, 0, 0)], dtype=np.float32
+#: They turn z into x, into y, and not at all.
+_TURNS: Final = (
+    Transform.from_rpy(0, math.pi / 2, 0),
+    Transform.from_rpy(-math.pi / 2, 0, 0),
+    Transform(),
 )
 
 
@@ -31,27 +33,21 @@ class Ghost:
     def __init__(self, scene: viser.SceneApi) -> None:
         """Draw nothing yet."""
         rod = cylinder(0.03, segment=[(0, 0, 0), (0, 0, 1)], sections=12)
-        self._frame: Any = scene.add_frame("/ghost", show_axes=False, visible=False)
-        self._axes: Any = scene.add_batched_meshes_simple(
-            "/ghost/axes",
-            rod.vertices,
-            rod.faces,
-            _TURNS,
-            np.zeros((3, 3), np.float32),
-            batched_colors=_COLOURS,
-            opacity=_PALE,
-            lod="off",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-        self._ball: Any = scene.add_icosphere(
-            "/ghost/ball",
-            1.0,
-            _BALL,
-            opacity=_BALL_PALE,
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+
+        def add(name: str, shape: Any, count: int, **look: Any) -> Node:
+            none = np.zeros(count, np.float32)
+            turns = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
+            options: Any = {"lod": "off", "cast_shadow": False, "receive_shadow": False, **look}
+            places = np.zeros((count, 3), np.float32)
+            return Node(
+                scene.add_batched_meshes_simple(
+                    name, shape.vertices, shape.faces, turns, places, batched_scales=none, **options
+                )
+            )
+
+        self._axes = add("/ghost/axes", rod, 3, batched_colors=_COLOURS, opacity=_PALE)
+        ball = icosphere(subdivisions=3)
+        self._ball = add("/ghost/ball", ball, 1, batched_colors=_BALL, opacity=_BALL_PALE)
 
     def draw(self, found: Estimate | None, origin: NDArray[np.float64], axes_m: float) -> None:
         """Draw an estimate.
@@ -62,13 +58,19 @@ class Ghost:
             origin: (3,) the scene's origin in the fixed frame, metres.
             axes_m: Length of the axes in metres.
         """
-        shown = found is not None and 0 < found.error_m < math.inf
-        if self._frame.visible != shown:
-            self._frame.visible = shown
-        if found is None or not shown:
+        if found is None or not 0 < found.error_m < math.inf:
+            self._axes.set(batched_scales=np.zeros(3, np.float32))
+            self._ball.set(batched_scales=np.zeros(1, np.float32))
             return
-        pose = np.array(found.transform.pose())
-        self._frame.position, self._frame.wxyz = pose[:3] - origin, pose[_WXYZ]
-        self._ball.scale = found.error_m
-        if self._axes.scale != axes_m:
-            self._axes.scale = axes_m
+        X_fixed_now = found.transform
+        position = np.array(X_fixed_now.translation) - origin
+        turns = [(X_fixed_now @ turn).pose() for turn in _TURNS]
+        self._axes.set(
+            batched_positions=np.tile(position, (3, 1)).astype(np.float32),
+            batched_wxyzs=np.array(turns)[:, _WXYZ].astype(np.float32),
+            batched_scales=np.full(3, axes_m, np.float32),
+        )
+        self._ball.set(
+            batched_positions=position[None].astype(np.float32),
+            batched_scales=np.array([found.error_m], np.float32),
+        )

@@ -11,8 +11,9 @@ import viser
 from numpy.typing import NDArray
 
 from zenoh_tf import Transform
-from zenoh_tf_tools.urdf.visuals import Mesh, Shape, Solid, Visual
-from zenoh_tf_tools.viewer.placement import Placement
+from zenoh_tf.urdf.visuals import Mesh, Shape, Solid, Visual
+from zenoh_tf_tools.viewer.placement import Placement, array_of
+from zenoh_tf_tools.viewer.scene import Node
 
 _WXYZ: Final = [6, 3, 4, 5]
 _GREY: Final = (0.75, 0.76, 0.8)
@@ -49,7 +50,7 @@ class Models:
         self._models: dict[str, list[Model]] = {}
         for model in models:
             self._models.setdefault(model.link, []).append(model)
-        self._nodes: dict[str, _Drawn] = {}
+        self._nodes: dict[Model, Node] = {}
 
     def draw(
         self,
@@ -68,14 +69,49 @@ class Models:
         """
         if not self._models:
             return
-        shown = set(placement.names).difference(hidden) if opacity > 0 else set()
-        for name in shown - self._nodes.keys():
-            models = self._models_of(name)
-            if models:
-                self._nodes[name] = _Drawn(self._scene, f"/models/{len(self._nodes)}", models)
-        for name, node in self._nodes.items():
-            pose = placement.poses[placement.rows[name]] if name in shown else None
-            node.draw(None if pose is None else pose - (*origin, 0, 0, 0, 0), opacity)
+        rows: dict[Model, list[int]] = {
+            model: [] for models in self._models.values() for model in models
+        }
+        for name in set(placement.names).difference(hidden) if opacity > 0 else ():
+            for model in self._models_of(name):
+                rows[model].append(placement.rows[name])
+        for number, (model, found) in enumerate(rows.items()):
+            self._draw(f"/models/{number}", model, placement.poses[sorted(found)], origin, opacity)
+
+    def _draw(
+        self,
+        path: str,
+        model: Model,
+        X_fixed_frame: NDArray[np.float64],
+        origin: NDArray[np.float64],
+        opacity: float,
+    ) -> None:
+        """Draw a model at all of its frames: as instances, as `scene` says why."""
+        node = self._nodes.get(model)
+        if node is not None and len(node.sent["batched_positions"]) != len(X_fixed_frame):
+            self._nodes.pop(model).handle.remove()
+            node = None
+        if not len(X_fixed_frame):
+            return
+        origins = array_of(np.tile(model.origin, (len(X_fixed_frame), 1)))
+        poses = (array_of(X_fixed_frame) @ origins).poses
+        where: dict[str, Any] = {
+            "batched_wxyzs": poses[:, _WXYZ].astype(np.float32),
+            "batched_positions": (poses[:, :3] - origin).astype(np.float32),
+        }
+        if node is None:
+            handle = self._scene.add_batched_meshes_simple(
+                path,
+                model.vertices,
+                model.faces,
+                **where,
+                batched_colors=model.colour,
+                flat_shading=True,
+                side="double",
+                lod="off",
+            )
+            node = self._nodes[model] = Node(handle, **where)
+        node.set(**where, opacity=None if opacity == 1.0 else opacity)
 
     def corners(self, placement: Placement, names: Iterable[str]) -> NDArray[np.float64]:
         """Return the corners of the boxes of all models of these frames.
@@ -102,40 +138,6 @@ class Models:
             if models := self._models.get("/".join(parts[start:])):
                 return models
         return ()
-
-
-class _Drawn:
-    """The nodes of one frame."""
-
-    def __init__(self, scene: viser.SceneApi, path: str, models: Sequence[Model]) -> None:
-        self._pose: Any = None
-        self._opacity = -1.0
-        self._frame: Any = scene.add_frame(path, show_axes=False)
-        self._meshes: list[Any] = [
-            scene.add_mesh_simple(
-                f"{path}/{number}",
-                model.vertices,
-                model.faces,
-                color=model.colour,
-                flat_shading=True,
-                side="double",
-                position=model.origin[:3],
-                wxyz=model.origin[_WXYZ],
-            )
-            for number, model in enumerate(models)
-        ]
-
-    def draw(self, pose: NDArray[np.float64] | None, opacity: float) -> None:
-        """Draw them at a pose in the scene, or hide them."""
-        if self._frame.visible != (pose is not None):
-            self._frame.visible = pose is not None
-        if pose is not None and not np.array_equal(pose, self._pose):
-            self._pose = pose
-            self._frame.position, self._frame.wxyz = pose[:3], pose[_WXYZ]
-        if opacity != self._opacity:
-            self._opacity = opacity
-            for mesh in self._meshes:
-                mesh.opacity = None if opacity == 1.0 else opacity
 
 
 def _mesh(shape: Shape) -> Any:

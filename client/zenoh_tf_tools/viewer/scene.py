@@ -1,9 +1,13 @@
 """Draws frames, links, names and trails through viser; sends only what has changed.
 
 All axes are one node of viser, and so are all origins, all links and all trails: a picture of 1,000
-frames is a few messages. Names are nodes of their own, as only some are drawn. A node's name is a
-number, never a frame's: a ``/`` in it would make it the child of another one, and viser keeps
-something of every name that a node has ever had.
+frames is a few messages. Names are labels that hang on nodes of their own, as only some are drawn.
+A node's name is a number, never a frame's: a ``/`` in it would make it the child of another one,
+and viser keeps something of every name that a node has ever had.
+
+**The browser draws a batch of instances, a line, and a label that hangs on a node that has moved
+one picture after it got the message, but a node itself at once.** On a slow browser a picture lasts
+for a second. So nothing that is seen is moved by its own node's pose: all of it changes at once.
 
 Coordinates are those of the fixed frame, less the scene's origin in 64 bits: the browser has only
 32, and so a robot far from the origin of the earth does not shake. viser's quaternions are
@@ -26,6 +30,7 @@ from zenoh_tf_tools.viewer import labels
 from zenoh_tf_tools.viewer.camera import Camera, grid_cell_m
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.source import ViewedLink
+from zenoh_tf_tools.viewer.trails import Trails
 
 Colour = tuple[int, int, int]
 
@@ -86,7 +91,7 @@ def colour_of(link: ViewedLink, stale_after_s: float, faulty: bool = False) -> C
     return STATIC if link.age_s is None else FRESH
 
 
-class _Node:
+class Node:
     """A node of viser, and what was sent of it."""
 
     def __init__(self, handle: Any, **sent: Any) -> None:
@@ -112,14 +117,21 @@ class Scene:
         self.origin = np.zeros(3)
         #: The frames that are drawn, in the order of the rows of axes and origins.
         self.drawn: list[str] = []
-        self._grid = _Node(self._scene.add_grid("/grid", infinite_grid=True))
+        self._grid = Node(self._scene.add_grid("/grid", infinite_grid=True))
         self._grid.set(cell_color=(225, 225, 225), section_color=(195, 195, 195))
         self._links = self._lines("/links", 2.5)
         self._trails = self._lines("/trails", 2.0)
-        self._trails_origin = self.origin
-        self._axes = self._origins = _Node(None)
-        self._labels: dict[str, _Node] = {}
-        self._spare: list[_Node] = []
+        self._segments = np.empty((0, 2, 3))
+        #: From where a trail ended when it was drawn to where its frame is.
+        self._heads = self._lines("/heads", 2.0)
+        self._ends: Mapping[str, NDArray[np.float64]] = {}
+        self._axes = self._origins = Node(None)
+        # They are there before a label hangs on them: on a new one it would flash at the origin.
+        self._spare = [
+            Node(self._scene.add_frame(f"/names/{number}", show_axes=False))
+            for number in range(labels.MAX_LABELS)
+        ]
+        self._labels: dict[str, tuple[Node, Node]] = {}
         self.measure(5.0)
 
     def measure(self, size_m: float) -> None:
@@ -155,30 +167,32 @@ class Scene:
             points=np.array(ends, np.float32).reshape(-1, 2, 3),
             colors=np.array(of_links, np.uint8).reshape(-1, 2, 3),
         )
+        self._draw_lines(self._trails, self._segments - self.origin)
+        heads = [(end - self.origin, where[x][:3]) for x, end in self._ends.items() if x in where]
+        self._draw_lines(self._heads, np.array(heads).reshape(-1, 2, 3))
         self._draw_labels(shown, poses[:, :3], links, look, camera)
 
-    def draw_trails(self, segments: NDArray[np.float64]) -> None:
-        """Draw line segments (n, 2, 3), in metres in the fixed frame."""
-        self._trails_origin = self.origin
-        self._trails.set(
-            points=(segments - self.origin).astype(np.float32),
-            colors=np.full(segments.shape, TRAIL, np.uint8),
-            position=(0.0, 0.0, 0.0),
-        )
+    def set_trails(self, trails: Trails) -> None:
+        """Draw these trails from the next picture on."""
+        self._segments, self._ends = trails.segments, trails.ends
 
-    def _lines(self, path: str, width: float) -> _Node:
+    def _draw_lines(self, node: Node, segments: NDArray[np.float64]) -> None:
+        """Draw the segments (n, 2, 3) of trails, metres in the scene."""
+        colours = np.full(segments.shape, TRAIL, np.uint8)
+        node.set(points=segments.astype(np.float32), colors=colours)
+
+    def _lines(self, path: str, width: float) -> Node:
         none = np.zeros((0, 2, 3))
         lines = self._scene.add_line_segments(
             path, none, none.astype(np.uint8), thickness=width, thickness_units="screen"
         )
-        return _Node(lines, points=none, colors=none)
+        return Node(lines, points=none, colors=none)
 
     def _move_origin(self) -> None:
-        """Move what is drawn once to where it is now."""
+        """Move the grid to where it is now."""
         section = self._grid.sent.get("section_size", 1.0)
         x, y, z = -self.origin
         self._grid.set(position=(x % section, y % section, z))
-        self._trails.set(position=tuple(self._trails_origin - self.origin))
 
     def _draw_frames(
         self,
@@ -216,7 +230,7 @@ class Scene:
         for node in (self._axes, self._origins):
             if node.handle is not None:
                 node.handle.remove()
-        self._axes = self._origins = _Node(None)
+        self._axes = self._origins = Node(None)
         if count == 0:
             return
         turns = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
@@ -237,7 +251,7 @@ class Scene:
             cast_shadow=False,
             receive_shadow=False,
         )
-        self._axes, self._origins = _Node(axes), _Node(origins)
+        self._axes, self._origins = Node(axes), Node(origins)
         axes.on_click(self._clicked)
         origins.on_click(self._clicked)
 
@@ -268,22 +282,19 @@ class Scene:
         )
         names = {shown[row] for row in chosen}
         for gone in self._labels.keys() - names:
-            node = self._labels.pop(gone)
-            node.set(visible=False)
+            node, label = self._labels.pop(gone)
+            label.handle.remove()
             self._spare.append(node)
         for row, anchor in chosen.items():
-            node = self._labels.get(shown[row]) or self._new_label(shown[row])
-            place = tuple(positions[row])
-            node.set(text=texts[row], position=place, anchor=anchor, visible=True)
+            node, label = self._labels.get(shown[row]) or self._new_label(shown[row])
+            node.set(position=tuple(positions[row]))
+            label.set(text=texts[row], anchor=anchor)
 
-    def _new_label(self, name: str) -> _Node:
-        if self._spare:
-            node = self._spare.pop()
-        else:
-            path = f"/names/{len(self._labels)}"
-            node = _Node(self._scene.add_label(path, "", anchor=labels.RIGHT))
-        self._labels[name] = node
-        return node
+    def _new_label(self, name: str) -> tuple[Node, Node]:
+        node = self._spare.pop()
+        label = Node(self._scene.add_label(f"{node.handle.name}/text", ""))
+        self._labels[name] = node, label
+        return node, label
 
 
 def _rank(link: ViewedLink, look: Look) -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,26 @@ MAX_TRAILS = 16
 _POINTS = 400
 #: No two points of a trail are closer together in time.
 _STEP_NS = 20_000_000
+#: The last points of a trail may be missing for so long, as samples come late.
+_GAP_NS = 1_000_000_000
 
 
-def trail_segments(
+@dataclass(frozen=True)
+class Trails:
+    """Trails in the fixed frame.
+
+    Attributes:
+        segments: (n, 2, 3) the two ends of each segment, metres.
+        ends: (3,) the last point of each trail that goes as far as its frame, metres.
+    """
+
+    segments: NDArray[np.float64]
+    ends: Mapping[str, NDArray[np.float64]]
+
+
+def trails_of(
     lookups: Lookups, fixed: str, links: Iterable[ViewedLink], until_ns: int, length_s: float
-) -> NDArray[np.float64]:
+) -> Trails:
     """Return the trails of the first frames whose links move.
 
     A trail has a gap where a lookup has no answer, and ends with the latest one that has.
@@ -29,9 +45,6 @@ def trail_segments(
         links: Frames to draw trails of; static ones are left out.
         until_ns: The time at which the trails end, in nanoseconds.
         length_s: How long before it they begin, in seconds.
-
-    Returns:
-        (n, 2, 3): the two ends of each segment, in metres.
     """
     # Multiples of the step, so that a trail does not shimmer as time passes.
     step_ns = max(_STEP_NS, int(length_s * 1e9 / _POINTS))
@@ -40,8 +53,12 @@ def trail_segments(
     stamps_ns = stamps_ns[stamps_ns >= 0]
     moving = [x.name for x in links if x.age_s is not None and x.name != fixed][:MAX_TRAILS]
     segments = [np.empty((0, 2, 3))]
+    ends = {}
     for name in moving:
         points = lookups.lookup_transforms(fixed, name, stamps_ns).translations
         pairs = np.stack([points[:-1], points[1:]], axis=1)
         segments.append(pairs[~np.isnan(pairs).any(axis=(1, 2))])
-    return np.concatenate(segments)
+        known = np.flatnonzero(~np.isnan(points[:, 0]))
+        if len(known) and stamps_ns[known[-1]] >= until_ns - _GAP_NS:
+            ends[name] = points[known[-1]]
+    return Trails(np.concatenate(segments), ends)

@@ -31,7 +31,7 @@ from zenoh_tf_tools.viewer.models import Model, Models
 from zenoh_tf_tools.viewer.placement import NOTHING, place, roots_by_size
 from zenoh_tf_tools.viewer.scene import SELECTED_AXES, Look, Scene
 from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
-from zenoh_tf_tools.viewer.trails import trail_segments
+from zenoh_tf_tools.viewer.trails import trails_of
 
 _PERIOD_S: Final = 0.05
 #: Without a browser: only often enough that a new browser finds the frames.
@@ -83,6 +83,8 @@ def open_server(host: str, port: int) -> viser.ViserServer:
         server = viser.ViserServer(host, port, label="zenoh-tf", verbose=False)
     # The scene can be shared through a server on the internet. Neither the button, nor a message
     # of a page that a browser has opened may begin that.
+    # Shadows made pictures three times as slow in a browser that draws in software.
+    server.scene.configure_default_lights(cast_shadow=False)
     server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="medium")
     server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
     return server
@@ -175,9 +177,7 @@ class Viewer:
                 self._offer()
             if self._clicked:
                 self.panel.select(self._clicked.popleft())
-            self._draw()
-            if slow or (moved and not self._is_live):
-                self._draw_trails()
+            self._draw(slow or (moved and not self._is_live))
             if slow:
                 self._report()
         self._move_cameras()
@@ -235,7 +235,7 @@ class Viewer:
         self.panel.offer([*self._links], fixed)
         self.panel.frames.update(self._links)
 
-    def _draw(self) -> None:
+    def _draw(self, trails_too: bool) -> None:
         fixed = self.panel.fixed or ""
         if self._is_read or fixed not in self._placement.rows:
             self._placement = place(self._source.lookups, self._links, fixed)
@@ -244,6 +244,8 @@ class Viewer:
         self._fixed, self._is_read = fixed, False
         placement = self._placement
         hidden = frozenset(self.panel.frames.unchecked)
+        if trails_too:
+            self._find_trails()
         self._follow()
         self._fit_first()
         camera = self.cameras.latest()
@@ -314,7 +316,7 @@ class Viewer:
             self._link_m = typical_link_m(self._placement, self._links)
             self.scene.measure(self.cameras.show(points))
 
-    def _draw_trails(self) -> None:
+    def _find_trails(self) -> None:
         length_s = self.panel.trail.value
         hidden = self.panel.frames.unchecked
         drawn = (self._fixed, self._time_ns, length_s, len(self._links), len(hidden))
@@ -323,8 +325,8 @@ class Viewer:
         self._trail = drawn
         time_ns = self._time_ns or 0
         moving = [x for x in self._links.values() if x.name not in hidden]
-        self.scene.draw_trails(
-            trail_segments(
+        self.scene.set_trails(
+            trails_of(
                 self._source.lookups,
                 self._fixed,
                 moving if self._fixed and length_s else (),

@@ -1,4 +1,4 @@
-"""Lookups that wait: in rounds, and at the server, where a cancelled one is cancelled.
+"""Lookups that wait at the server, where a cancelled one is cancelled.
 
 The server would let a cancelled lookup wait until its time-out, and count it.
 """
@@ -6,15 +6,12 @@ The server would let a cancelled lookup wait until its time-out, and count it.
 from __future__ import annotations
 
 import itertools
-import time
-from collections.abc import Awaitable, Callable
 from typing import Any, Final, TypeVar
 
 from zenoh_tf import wire
 from zenoh_tf.steps import LoopSteps
 
 from ...requests import info
-from ...requests.lookups import MAY_SUCCEED_LATER
 from ...requests.request import Request
 from ...session.exchange import Exchange
 from .transport import Transport
@@ -25,22 +22,6 @@ T = TypeVar("T")
 #: a server that is busy for longer lets the lookup wait until its time-out.
 _FIRST_PAUSE_S: Final = 0.05
 _LAST_PAUSE_S: Final = 2.0
-
-
-async def in_rounds(
-    lookup: Callable[[float], Awaitable[T]], deadline_s: float, longest_s: float
-) -> T:
-    """Repeat a lookup, whose argument is its time-out, until it succeeds. No round is longer than
-    `longest_s`. Raises the lookup's error at the deadline, or once no write can make it succeed."""
-    while True:
-        begin_s = time.monotonic()
-        round_s = max(0.0, min(longest_s, deadline_s - begin_s))
-        try:
-            return await lookup(round_s)
-        except MAY_SUCCEED_LATER:
-            # A lookup ends early if no write can make it succeed.
-            if round_s < longest_s or time.monotonic() - begin_s < longest_s / 2:
-                raise
 
 
 class Wait(Request[T]):

@@ -12,14 +12,14 @@ from typing import Final, NoReturn
 
 from zenoh_tf.text import printable, quoted
 from zenoh_tf.text.flag_values import whole
+from zenoh_tf.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
+from zenoh_tf.urdf.reader import MOVING, UNSUPPORTED, Joint, Robot, read
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.errors import CommandError
-from zenoh_tf_tools.urdf.joint_states import JointStateFeed
-from zenoh_tf_tools.urdf.kinematics import FrameNames, JointTransforms, fixed_transforms
-from zenoh_tf_tools.urdf.reader import MOVING, UNSUPPORTED, Joint, Robot, read
+from zenoh_tf_tools.joint_states import JointStateFeed
 
 _PERIOD_S: Final = 0.5
 #: After this long without a message it is reported.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
+from zenoh_tf.urdf.visuals import read_visuals
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
 from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen
@@ -21,7 +22,6 @@ from zenoh_tf_tools.cli.observations import watch
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.doctor import RecordedFacts, TreeFacts
 from zenoh_tf_tools.errors import CommandError, extra
-from zenoh_tf_tools.urdf.visuals import read_visuals
 from zenoh_tf_tools.viewer.live import LiveSource
 from zenoh_tf_tools.viewer.recorded import RecordedSource
 from zenoh_tf_tools.viewer.source import ViewedTree

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
+from . import topics
 from .time import Time
 
 
@@ -38,6 +40,23 @@ class Node:
 
     def create_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         self.timers.append((period_s, callback))
+
+    def create_subscription(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: Any,
+        *,
+        callback_group: Any = None,
+    ) -> topics.Subscription:
+        return topics.Subscription(kind, topic, callback, qos)
+
+    def destroy_subscription(self, subscription: topics.Subscription) -> None:
+        topics.remove(subscription)
+
+    def create_publisher(self, kind: type, topic: str, qos: Any) -> topics.Publisher:
+        return topics.Publisher(kind, topic, qos)
 
     def destroy_node(self) -> None:
         pass

@@ -1,6 +1,6 @@
-"""The lookups of futures and message filters, which wait at the server, on one event loop.
+"""The lookups of futures and message filters, which wait on one event loop.
 
-A waiting lookup costs a task, not a thread, and one that is cancelled leaves the server at once.
+A waiting lookup costs a task, not a thread, and one that is cancelled leaves nothing behind.
 """
 
 from __future__ import annotations
@@ -10,40 +10,50 @@ import math
 import threading
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from typing import Any, Final, TypeVar
 
 from zenoh_tf import StampedTransform, threads
-from zenoh_tf._zenoh.calls import is_forked, raise_if_forked
 from zenoh_tf.errors import ServerUnavailable, ServiceException
-from zenoh_tf_client.aio.client import AsyncTransformClient
-from zenoh_tf_client.aio.session.connection import AsyncConnection
-from zenoh_tf_client.aio.session.waits import in_rounds
-from zenoh_tf_client.client import TransformClient
+from zenoh_tf.loop_waits import in_rounds
 
 from .messages import TransformStamped, message_of
 
 T = TypeVar("T")
-#: One lookup of a client, which waits for so many seconds at most.
-Lookup = Callable[[AsyncTransformClient, float], Awaitable[StampedTransform]]
+#: One lookup with what the loop was made with, which waits for so many seconds at most.
+Lookup = Callable[[Any, float], Awaitable[StampedTransform]]
 
-#: One lookup waits at most this long at the server, which allows an hour at most; then again.
+#: One lookup waits at most this long at a server, which allows an hour at most; then again.
 _ROUND_S: Final = 60.0
 
 
 class WaitLoop:
-    """An event loop on a thread of its own, with the session of a client.
+    """An event loop on a thread of its own, with a tree or with the session of a client.
 
     Thread safety: `start` and `close`.
     """
 
-    def __init__(self, client: TransformClient) -> None:
-        """Start the thread. `client` must stay open until `close`.
+    def __init__(
+        self,
+        lookups: Callable[[], AbstractContextManager[Any]],
+        is_closed: Callable[[], bool] = lambda: False,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Start the thread.
 
         Raises ServiceException if the process has no thread or file left for it.
+
+        Args:
+            lookups: Called on the loop: what has `lookup_transform` and `lookup_transform_full` as
+                coroutines, until `close`.
+            is_closed: Whether no lookup can succeed any more.
+            check: Raises ServerUnavailable if no lookup can start in this process.
         """
         self._lock = threading.Lock()
         self._closed = False
-        self._owner = client
+        self._lookups = lookups
+        self._check = check
+        self.is_closed = is_closed
         self._end = asyncio.Event()
         started: Future[asyncio.AbstractEventLoop] = Future()
         # A daemon, so that a script may end while lookups wait.
@@ -55,19 +65,16 @@ class WaitLoop:
                 f"no thread can be started for lookups that wait: {error}"
             ) from error
 
-    @property
-    def is_closed(self) -> bool:
-        """Whether the client is closed, so that no lookup can succeed."""
-        return self._owner._connection.closed
-
     def start(self, coroutine: Coroutine[Any, Any, T]) -> Future[T]:
         """Run a coroutine on the loop. The future's `cancel` cancels it.
 
         Raises ServerUnavailable if the loop is closed, or its thread is in the parent process.
         """
-        if is_forked():
+        try:
+            self._check()
+        except ServerUnavailable:
             coroutine.close()
-            raise_if_forked()
+            raise
         with self._lock:
             if not self._closed:
                 return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
@@ -87,7 +94,7 @@ class WaitLoop:
         Raises the lookup's error at the deadline, or once no write can make it succeed.
         """
         return message_of(
-            await in_rounds(lambda wait_s: lookup(self.client, wait_s), deadline_s, _ROUND_S)
+            await in_rounds(lambda wait_s: lookup(self._client, wait_s), deadline_s, _ROUND_S)
         )
 
     def _run(self, started: Future[asyncio.AbstractEventLoop]) -> None:
@@ -102,8 +109,6 @@ class WaitLoop:
             started.set_exception(error)
 
     async def _main(self, started: Future[asyncio.AbstractEventLoop]) -> None:
-        #: For the coroutines that `start` runs.
-        owner = self._owner
-        self.client = AsyncTransformClient(AsyncConnection(owner._connection, owner._mapped))
-        started.set_result(asyncio.get_running_loop())
-        await self._end.wait()  # `asyncio.run` then cancels what is left
+        with self._lookups() as self._client:  # for the coroutines that `start` runs
+            started.set_result(asyncio.get_running_loop())
+            await self._end.wait()  # `asyncio.run` then cancels what is left

@@ -41,6 +41,7 @@ class FrameNames:
         self._shared = frozenset(shared)
 
     def __call__(self, link: str) -> str:
+        """Return the name of a link's frame."""
         return (
             link if link in self._shared or link.startswith(self._prefix) else self._prefix + link
         )

@@ -24,10 +24,9 @@ from zenoh_tf.ros2.cdr import JointState, decode_joint_state
 from zenoh_tf.ros2.keys import JOINT_STATE
 from zenoh_tf.ros2.publishers import Publishers
 from zenoh_tf.ros2.topics import Received, TopicListener
+from zenoh_tf.urdf.kinematics import JointTransforms
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.publish.publisher import Publisher
-
-from .kinematics import JointTransforms
 
 #: Larger messages are refused: no robot has as many joints.
 MAX_JOINTS: Final = 10_000

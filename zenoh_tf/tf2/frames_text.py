@@ -3,40 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 
 from zenoh_tf import FrameInfo
-from zenoh_tf.errors import LookupException
-from zenoh_tf_client.client import TransformClient
 
 #: tf2 counts a shorter history as this long, so a single sample has a rate of 10 kHz.
 _SHORTEST_NS = 100_000
 
 
-def as_yaml(client: TransformClient) -> str:
+def as_yaml(frames: Iterable[FrameInfo]) -> str:
     """Return one YAML map per frame that has a parent, with tf2's keys; seconds and hertz."""
-    return "".join(_yaml(link) for link in _links(client)) or "[]"
+    return "".join(_yaml(link) for link in frames if link.parent is not None) or "[]"
 
 
-def as_string(client: TransformClient) -> str:
+def as_string(frames: Iterable[FrameInfo]) -> str:
     """Return one sentence per frame that has a parent."""
     return "".join(
-        f"Frame {link.name} exists with parent {link.parent}.\n" for link in _links(client)
+        f"Frame {link.name} exists with parent {link.parent}.\n"
+        for link in frames
+        if link.parent is not None
     )
-
-
-def _links(client: TransformClient) -> list[FrameInfo]:
-    with client.batch() as batch:
-        handles = [batch.frame(name) for name in client.frames()]
-    infos = []
-    for handle in handles:
-        error = handle.exception()
-        if error is None:
-            infos.append(handle.result())
-        elif not isinstance(
-            error, LookupException
-        ):  # A frame may have been removed since its name was listed.
-            raise error
-    return [info for info in infos if info.parent is not None]
 
 
 def _yaml(link: FrameInfo) -> str:

@@ -1,0 +1,5 @@
+"""rclpy.callback_groups"""
+
+
+class ReentrantCallbackGroup:
+    pass
