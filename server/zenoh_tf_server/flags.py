@@ -69,6 +69,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         found = settings(options)
         if found.ros2.enabled:
             foreign = "ROS 2 keys"
+        elif found.ingest:
+            foreign = "keys of other projects"
         elif found.federation.patterns:
             foreign = "other trees"
         if foreign is not None:
@@ -109,6 +111,7 @@ def _check_replica(flags: argparse.ArgumentParser, options: argparse.Namespace) 
         "state_dir": "a replica stores nothing: give --state-dir to the primary",
         "no_admin": "a replica accepts no writes: give --no-admin to the primary",
         "one_authority_per_frame": "a replica accepts no writes: give this flag to the primary",
+        "ingest": "a replica accepts no writes: give --ingest to the primary",
         "ros2": "a replica accepts no writes: give --ros2 to the primary",
         "ros2_publish": "give --ros2-publish to the primary",
     }

@@ -16,6 +16,7 @@ from zenoh_tf._net import keys
 
 from . import federation, motion_limits, ros2
 from .federation.robot import RobotTree
+from .ingest.foreign import Foreign
 from .ingest.ingest import Ingest
 from .ingest.put_commits import PutCommits
 from .monitoring.event_reports import EventReports
@@ -88,8 +89,6 @@ class Server(RunningServer):
             key = functools.partial(keys.request, settings.tree)
             super().__init__(session, service, clients, key, settings.workers, stack)
             stack.callback(service.close)
-            stream.start(session, settings.tree)
-            interests.start(session, settings.tree)
             commits = PutCommits(
                 service.commit_puts,
                 service.puts,
@@ -101,7 +100,9 @@ class Server(RunningServer):
             ingest = Ingest(commits, limits)
             stack.callback(ingest.close)
             stack.callback(shared.close)
-            ingest.start(session, settings.tree)
+            for starting in (stream, interests, ingest):
+                starting.start(session, settings.tree)
+            stack.callback(Foreign(session, ingest, limits, settings.ingest).close)
             incoming = ros2.receive(settings.ros2, session, ingest, state.links, limits, stack)
             for part in (stream, interests, outgoing, incoming):
                 if part is not None:

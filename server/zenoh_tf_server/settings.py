@@ -12,6 +12,8 @@ from zenoh_tf.text.time_flags import duration
 
 from .federation.settings import FederationSettings
 from .flag_table import flag
+from .ingest import foreign
+from .ingest.foreign import ForeignKey
 from .ingest.future_stamps import FutureStamps
 from .limits import Limits
 from .monitoring.logs import GROUP, LogSettings
@@ -100,6 +102,16 @@ class ServerSettings:
         group="tree",
         choices=("reject", "clear"),
         metavar="WHAT",
+    )
+    ingest: tuple[ForeignKey, ...] = flag(
+        "--ingest",
+        (),
+        "store what others put on these keys: lcm (dimos), foxglove, foxglove-json or "
+        "foxglove-flatbuffer; repeatable (docs/how-to/ingest.md)",
+        group="tree",
+        action="append",
+        type=foreign.parse,
+        metavar="KEY=FORMAT",
     )
     future: FutureStamps = field(default_factory=FutureStamps)
     limits: Limits = field(default_factory=Limits)

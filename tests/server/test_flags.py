@@ -68,6 +68,12 @@ WRONG = {
             "speed=2": "unknown option 'speed'",
         }.items()
     },
+    "--ingest a": "'a' is not KEY=FORMAT, where FORMAT is one of lcm, foxglove",
+    "--ingest a=avro": "is not KEY=FORMAT",
+    "--ingest a//b=lcm": "'a//b' is no key expression of Zenoh",
+    "--ingest **=lcm": "'**' matches this service's own keys, tf/v1/**",
+    "--ingest a=lcm --users {users}": "carries no keys of other projects",
+    "--ingest a=lcm --replica-of tcp/h:1": "give --ingest to the primary",
     "--ros2-prefix namespace": "--ros2-prefix needs --ros2",
     "--ros2 --ros2-prefix robot": "is not a rule",
     "--ros2 --ros2-shared map": "--ros2-shared needs --ros2-prefix",

@@ -13,8 +13,3 @@ def missing_library(error: ImportError) -> RecordingError:
         f"recordings need a library that cannot be imported ({error}); install it with: "
         "pip install 'zenoh-tf[recordings]'"
     )
-
-
-def reason(error: BaseException) -> str:
-    """What a library's exception says, in one line; some say nothing."""
-    return " ".join(str(error).split()) or type(error).__name__

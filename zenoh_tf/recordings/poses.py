@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from .decoders import Decode, Row, each
+from ..formats.rows import Decode, Row, each
 from .ros_types import full_type, ros_message
 
 _TRANSFORM: Final = "geometry_msgs/msg/TransformStamped"

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from .._core import TransformRows
+from ..formats.rows import Decoded
 from ..text import quoted
+from ..text.reasons import reason
 from ..text.times import seconds
 from .containers.container import Channel, Container, RawMessage
 from .containers.decompress import ZSTD_MAGIC, decompress_message
 from .containers.opening import open_all
-from .decoders import Decoded
-from .errors import RecordingError, reason
+from .errors import RecordingError
 from .topics import LinkTopics, Topics, prefixed
 
 #: Messages that are decoded together; their rows need about as much. Larger ones are not faster,

@@ -13,7 +13,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
-from ..errors import missing_library, reason
+from ...text.reasons import reason
+from ..errors import missing_library
 from .container import Channel, Choose, ChunkedFile, RawMessage
 from .decompress import MAX_CHUNK_BYTES, decompress, decompress_begin
 

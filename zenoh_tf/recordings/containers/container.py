@@ -9,7 +9,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from ..decoders import Decode
+from ...formats.rows import Decode
 
 
 @dataclass(frozen=True, slots=True, eq=False)

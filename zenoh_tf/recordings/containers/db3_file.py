@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-from ..errors import reason
+from ...text.reasons import reason
 from .container import Choose, Container, Damage, RawMessage
 
 #: Number, topic, time, data. Of a damaged file, the last two have any type.

@@ -11,7 +11,7 @@ import zlib
 from io import BytesIO
 from typing import Any, Final
 
-from ..errors import reason
+from ...text.reasons import reason
 from .container import Channel, Choose, RawMessage
 from .decompress import MAX_CHUNK_BYTES, decompress, decompress_begin
 

@@ -13,7 +13,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
-from ..errors import missing_library, reason
+from ...text.reasons import reason
+from ..errors import missing_library
 from .container import Choose, ChunkedFile, RawMessage
 from .mcap_chunks import (
     CHANNEL,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from operator import attrgetter
 from typing import Any, BinaryIO, Final
 
-from ..errors import reason
+from ...text.reasons import reason
 from .mcap_chunks import (
     CHUNK,
     DATA_END,

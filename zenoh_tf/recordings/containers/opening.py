@@ -9,7 +9,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
-from ..errors import RecordingError, missing_library, reason
+from ...text.reasons import reason
+from ..errors import RecordingError, missing_library
 from .bag_file import BagFile
 from .container import Choose, Container
 from .db3_file import Db3File
