@@ -12,7 +12,7 @@ NO_LIMIT: Final = -1
 NO_GAPS: Final = -2
 
 
-def max_gap_ns(max_gap_s: Any, otherwise: int = NO_LIMIT) -> int:
+def max_gap_ns(max_gap_s: Any, otherwise: int = NO_LIMIT, field: str = "max_gap_s") -> int:
     """Return a caller's limit in nanoseconds; None stands for `otherwise`.
 
     Raises InvalidArgumentException if it is no number, or negative.
@@ -24,5 +24,5 @@ def max_gap_ns(max_gap_s: Any, otherwise: int = NO_LIMIT) -> int:
     except (TypeError, ValueError):
         seconds = -1.0
     if isinstance(max_gap_s, str) or not seconds >= 0:
-        raise must_be("max_gap_s", "0 or more seconds, or None for no limit", max_gap_s)
+        raise must_be(field, "0 or more seconds, or None for no limit", max_gap_s)
     return int(min(seconds * 1e9, 9e18))

@@ -60,5 +60,5 @@ def buffer(make_buffer: Callable[..., zenoh_tf.tf2.Buffer]) -> zenoh_tf.tf2.Buff
 
 def waiters(buffer: zenoh_tf.tf2.Buffer) -> int:
     """How many lookups wait in the buffer's tree."""
-    waiting: int = buffer._source.tree().stats()["waiters"]  # type: ignore[attr-defined]
+    waiting: int = buffer._source.tree().stats()["waiters"]
     return waiting

@@ -146,10 +146,10 @@ def test_the_qualities_of_service_are_tf2s() -> None:
     tf2.TransformListener(tf2.Buffer(), node)
     tf2.TransformBroadcaster(node)
     tf2.StaticTransformBroadcaster(node)
-    for made in (topics._subscriptions, topics._publishers):
+    for made, static_depth in ((topics._subscriptions, 100), (topics._publishers, 1)):
         assert {each.topic: (each.qos.depth, each.qos.durability) for each in made} == {
             "/tf": (100, DurabilityPolicy.VOLATILE),
-            "/tf_static": (100, DurabilityPolicy.TRANSIENT_LOCAL),
+            "/tf_static": (static_depth, DurabilityPolicy.TRANSIENT_LOCAL),
         }
     tf2.TransformListener(tf2.Buffer(), node, qos=5, static_qos=6)
     assert [each.qos for each in topics._subscriptions[2:]] == [5, 6]

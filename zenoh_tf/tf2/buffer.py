@@ -3,23 +3,28 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from os import PathLike
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from zenoh_tf import StampedTransform, TransformTree
+from zenoh_tf import TransformTree
 from zenoh_tf.errors import (
     MAY_SUCCEED_LATER,
     ExtrapolationException,
     InvalidArgumentException,
 )
+from zenoh_tf.gap_limit import max_gap_ns
 
 from . import frames_text, sources
 from .future import TransformFuture
 from .messages import TransformStamped, message_of, stamped_of
-from .nearest import look_up_nearest, tolerance_ns
+from .nearest import look_up_nearest
 from .times import Duration, Time, seconds, stamp_ns, time_of
 from .transforming import TransformRegistration, do_transform
+
+if TYPE_CHECKING:
+    from zenoh_tf_client.tf2.connection import Server
 
 #: The default time-out: do not wait.
 NO_WAIT = Duration()
@@ -74,10 +79,8 @@ class BufferInterface:
             TypeException: The message is of another kind.
         """
         header = object_stamped.header
-        return do_transform(
-            object_stamped,
-            self.lookup_transform(target_frame, header.frame_id, header.stamp, timeout, **options),
-        )
+        lookup = target_frame, header.frame_id, header.stamp, timeout
+        return do_transform(object_stamped, self.lookup_transform(*lookup, **options))
 
     def transform_full(
         self,
@@ -93,18 +96,8 @@ class BufferInterface:
         The message is assumed not to move in `fixed_frame` between its time and `target_time`.
         """
         header = object_stamped.header
-        return do_transform(
-            object_stamped,
-            self.lookup_transform_full(
-                target_frame,
-                target_time,
-                header.frame_id,
-                header.stamp,
-                fixed_frame,
-                timeout,
-                **options,
-            ),
-        )
+        lookup = target_frame, target_time, header.frame_id, header.stamp, fixed_frame, timeout
+        return do_transform(object_stamped, self.lookup_transform_full(*lookup, **options))
 
     lookup_transform: Any = _lacking("lookup_transform")
     lookup_transform_full: Any = _lacking("lookup_transform_full")
@@ -113,11 +106,8 @@ class BufferInterface:
 
 
 class Buffer(BufferInterface):
-    """Stores transforms in a tree of its own; on the server's tree once the process has called
-    `connect`.
-
-    Without `connect` it needs no server and no network: a `TransformListener` fills it, or
-    `set_transform`. On a server's tree, writes change it for all clients.
+    """A tree of its own, which a `TransformListener` or `set_transform` fills, without a server;
+    the server's tree, whose writes are for all clients, if the process has called `connect`.
 
     Lookups return `TransformStamped`, the pose of source in target (``X_target_source``, metres),
     and raise tf2's exceptions. Times and durations are rclpy's or builtin_interfaces', or numbers
@@ -139,13 +129,10 @@ class Buffer(BufferInterface):
             None for any, as in tf2. Beyond it a lookup raises GapTooLong, an
             ExtrapolationException.
         source: Where to look up in place of that, for this package.
-
-    Example:
-        ``buffer = Buffer(); listener = TransformListener(buffer)``
     """
 
     #: Whose tree it is in any case; None: as `connect` decides.
-    _server: ClassVar[sources.Server | None] = None
+    _server: ClassVar[Server | None] = None
 
     def __init__(
         self,
@@ -170,15 +157,9 @@ class Buffer(BufferInterface):
         """Make a buffer with the whole history of a recording, in a tree of its own.
 
         Args:
-            path: The file (MCAP, rosbag2, ROS 1 bag), or the folder of `ros2 bag record`.
+            path: As of `TransformTree.from_recording`, which says what it raises.
             max_gap_s: As of the class.
             options: Keyword arguments of `TransformTree.from_recording`, such as `topics`.
-
-        Raises:
-            RecordingError: The recording cannot be read; see `TransformTree.from_recording`.
-
-        Example:
-            ``Buffer.from_recording("run.mcap").lookup_transform("map", "base", time)``
         """
         tree = TransformTree.from_recording(path, **options)
         return cls(max_gap_s=max_gap_s, source=sources.OwnTree(tree))
@@ -218,17 +199,15 @@ class Buffer(BufferInterface):
         Raises:
             TransformException: The lookup failed; see the class.
         """
-        tree, stamp, gap = self._source.tree(), stamp_ns(time), self._gap(max_gap_s)
-
-        def look_up(at: int | None, timeout_s: float = 0.0) -> StampedTransform:
-            return tree.lookup_transform(target_frame, source_frame, at, timeout_s, max_gap_s=gap)
-
-        if nearest_s is None or stamp is None:
-            return message_of(look_up(stamp, seconds(timeout)))
-        within_ns = tolerance_ns(nearest_s)
+        stamp, gap = stamp_ns(time), self._gap(max_gap_s)
+        within_ns = max_gap_ns(nearest_s, -1, "nearest_s")
+        lookup = self._source.tree().lookup_transform
+        look_up = functools.partial(lookup, target_frame, source_frame, max_gap_s=gap)
         try:
             return message_of(look_up(stamp, seconds(timeout)))
         except ExtrapolationException as error:
+            if nearest_s is None or stamp is None:
+                raise
             return message_of(look_up_nearest(look_up, stamp, error, within_ns))
 
     def lookup_transform_full(
@@ -259,17 +238,9 @@ class Buffer(BufferInterface):
         Raises:
             TransformException: The lookup failed; see the class.
         """
-        return message_of(
-            self._source.tree().lookup_transform_full(
-                target_frame,
-                stamp_ns(target_time),
-                source_frame,
-                stamp_ns(source_time),
-                fixed_frame,
-                seconds(timeout),
-                max_gap_s=self._gap(max_gap_s),
-            )
-        )
+        times, gap = (stamp_ns(target_time), stamp_ns(source_time)), self._gap(max_gap_s)
+        lookup = target_frame, times[0], source_frame, times[1], fixed_frame, seconds(timeout)
+        return message_of(self._source.tree().lookup_transform_full(*lookup, max_gap_s=gap))
 
     def can_transform(
         self,
@@ -278,24 +249,15 @@ class Buffer(BufferInterface):
         time: Any,
         timeout: Any = NO_WAIT,
         return_debug_tuple: bool = False,
-        *,
-        max_gap_s: float | None = None,
-        nearest_s: float | None = None,
+        **options: Any,
     ) -> bool | tuple[bool, str]:
         """Return whether `lookup_transform` with the same arguments would succeed.
 
-        With `return_debug_tuple` it returns a tuple of that and the error's text.
+        With `return_debug_tuple` it returns a tuple of that and the error's text. `options` are the
+        keyword arguments of the lookup.
         """
-        answer = _attempt(
-            lambda: self.lookup_transform(
-                target_frame,
-                source_frame,
-                time,
-                timeout,
-                max_gap_s=max_gap_s,
-                nearest_s=nearest_s,
-            )
-        )
+        lookup = target_frame, source_frame, time, timeout
+        answer = _attempt(lambda: self.lookup_transform(*lookup, **options))
         return answer if return_debug_tuple else answer[0]
 
     def can_transform_full(
@@ -307,24 +269,11 @@ class Buffer(BufferInterface):
         fixed_frame: str,
         timeout: Any = NO_WAIT,
         return_debug_tuple: bool = False,
-        *,
-        max_gap_s: float | None = None,
+        **options: Any,
     ) -> bool | tuple[bool, str]:
-        """Return whether `lookup_transform_full` with the same arguments would succeed.
-
-        With `return_debug_tuple` it returns a tuple of that and the error's text.
-        """
-        answer = _attempt(
-            lambda: self.lookup_transform_full(
-                target_frame,
-                target_time,
-                source_frame,
-                source_time,
-                fixed_frame,
-                timeout,
-                max_gap_s=max_gap_s,
-            )
-        )
+        """As `can_transform`, of `lookup_transform_full`."""
+        lookup = target_frame, target_time, source_frame, source_time, fixed_frame, timeout
+        answer = _attempt(lambda: self.lookup_transform_full(*lookup, **options))
         return answer if return_debug_tuple else answer[0]
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Time:
@@ -340,12 +289,10 @@ class Buffer(BufferInterface):
         self, target_frame: str, source_frame: str, time: Any, *, max_gap_s: float | None = None
     ) -> TransformFuture:
         """Start a `lookup_transform` that waits until it succeeds; return its future."""
-        stamp, gap = stamp_ns(time), self._gap(max_gap_s)
+        lookup, gap = (target_frame, source_frame, stamp_ns(time)), self._gap(max_gap_s)
         return TransformFuture(
             self._source.waits,
-            lambda tree, wait_s: tree.lookup_transform(
-                target_frame, source_frame, stamp, wait_s, max_gap_s=gap
-            ),
+            lambda tree, wait_s: tree.lookup_transform(*lookup, wait_s, max_gap_s=gap),
         )
 
     def wait_for_transform_full_async(
@@ -359,37 +306,25 @@ class Buffer(BufferInterface):
         max_gap_s: float | None = None,
     ) -> TransformFuture:
         """Start a `lookup_transform_full` that waits until it succeeds; return its future."""
-        target = target_frame, stamp_ns(target_time)
-        source, gap = (source_frame, stamp_ns(source_time)), self._gap(max_gap_s)
+        times, gap = (stamp_ns(target_time), stamp_ns(source_time)), self._gap(max_gap_s)
+        lookup = target_frame, times[0], source_frame, times[1], fixed_frame
         return TransformFuture(
             self._source.waits,
-            lambda tree, wait_s: tree.lookup_transform_full(
-                *target, *source, fixed_frame, wait_s, max_gap_s=gap
-            ),
+            lambda tree, wait_s: tree.lookup_transform_full(*lookup, wait_s, max_gap_s=gap),
         )
 
     async def lookup_transform_async(
-        self, target_frame: str, source_frame: str, time: Any, *, max_gap_s: float | None = None
+        self, target_frame: str, source_frame: str, time: Any, **options: Any
     ) -> TransformStamped:
         """Return what `lookup_transform` returns, once it succeeds. Raises what it raises."""
-        return await self.wait_for_transform_async(
-            target_frame, source_frame, time, max_gap_s=max_gap_s
-        )
+        return await self.wait_for_transform_async(target_frame, source_frame, time, **options)
 
-    async def lookup_transform_full_async(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-        *,
-        max_gap_s: float | None = None,
-    ) -> TransformStamped:
-        """Return what `lookup_transform_full` returns, once it succeeds."""
-        return await self.wait_for_transform_full_async(
-            target_frame, target_time, source_frame, source_time, fixed_frame, max_gap_s=max_gap_s
-        )
+    async def lookup_transform_full_async(self, *lookup: Any, **options: Any) -> TransformStamped:
+        """Return what `lookup_transform_full` returns, once it succeeds.
+
+        It has the arguments of `wait_for_transform_full_async`.
+        """
+        return await self.wait_for_transform_full_async(*lookup, **options)
 
     # --- writes
 

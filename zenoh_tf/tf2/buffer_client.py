@@ -9,10 +9,8 @@ from .buffer import Buffer
 
 
 class BufferClient(Buffer):
-    """Asks the server of the process's connection, also without `connect`.
-
-    It needs no buffer server in the ROS graph, so it has nothing to wait for before the first
-    lookup, and it ends each lookup at its time-out.
+    """A `Buffer` on the server's tree, also without `connect`. It needs no buffer server in the ROS
+    graph, so it waits for none before the first lookup, and ends each lookup at its time-out.
 
     Args:
         node: Kept as the attribute `node`.

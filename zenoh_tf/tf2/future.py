@@ -25,12 +25,7 @@ class TransformFuture(Future[TransformStamped]):
     """
 
     def __init__(self, waits: Callable[[], WaitLoop], lookup: Lookup) -> None:
-        """Start the lookup.
-
-        Args:
-            waits: Returns the loop to wait on.
-            lookup: Does one lookup on it; its second argument is how long it may wait, in seconds.
-        """
+        """Start a lookup on the loop that `waits` returns."""
         super().__init__()
         try:
             # To connect may take seconds, and the caller may be an event loop.

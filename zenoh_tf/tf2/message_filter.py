@@ -250,12 +250,12 @@ class TransformFilter:
 
     async def _wait(self, held: _Held, loop: WaitLoop, frame: str, stamp: int | None) -> None:
         """Look up all transforms of a message, one after another: the others arrive meanwhile."""
-        deadline_s = time.monotonic() + self._timeout_s
+        deadline_s, gap = time.monotonic() + self._timeout_s, self._buffer._max_gap_s
         try:
             self._settle(
                 held,
                 [
-                    await _look_up(loop, self._buffer, target, frame, stamp, deadline_s)
+                    await _look_up(loop, (target, frame, stamp), gap, deadline_s)
                     for target in self._targets
                 ],
             )
@@ -341,20 +341,13 @@ class MessageFilter(TransformFilter):
 
 
 async def _look_up(
-    loop: WaitLoop,
-    buffer: Buffer,
-    target: str,
-    frame: str,
-    stamp: int | None,
-    deadline_s: float,
+    loop: WaitLoop, lookup: tuple[str, str, int | None], gap: float | None, deadline_s: float
 ) -> TransformStamped:
     """As `WaitLoop.look_up`; waits for a server that is busy or away, too."""
     while True:
         try:
             return await loop.look_up(
-                lambda client, wait_s: client.lookup_transform(
-                    target, frame, stamp, wait_s, max_gap_s=buffer._max_gap_s
-                ),
+                lambda tree, wait_s: tree.lookup_transform(*lookup, wait_s, max_gap_s=gap),
                 deadline_s,
             )
         except _NO_SERVER:

@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from zenoh_tf.gap_limit import max_gap_ns
 
 
 class ParkedLookups:
-    """Made by `parked_lookups`. Thread safety: the loop's thread."""
+    """As the tree's methods, made by `parked_lookups`. Thread safety: the loop's thread."""
 
     def __init__(self, tree: TransformTree, queue: _core.WakeQueue) -> None:
         self._tree = tree
@@ -29,69 +30,40 @@ class ParkedLookups:
         self._waiting: dict[int, asyncio.Future[None]] = {}
 
     async def lookup_transform(
-        self,
-        target: str,
-        source: str,
-        stamp_ns: int | None,
-        timeout_s: float,
-        *,
-        max_gap_s: float | None = None,
+        self, target: str, source: str, stamp_ns: int | None, timeout_s: float, **gap: Any
     ) -> StampedTransform:
         """As `TransformTree.lookup_transform`."""
         with contextlib.suppress(*MAY_SUCCEED_LATER):
-            return self._tree.lookup_transform(target, source, stamp_ns, max_gap_s=max_gap_s)
+            return self._tree.lookup_transform(target, source, stamp_ns, **gap)
         op = _core.OP_COMMON if stamp_ns is None else _core.OP_AT
-        return await self._wait(op, (target, source), stamp_ns, None, timeout_s, max_gap_s)
+        return await self._wait(op, (target, source), (stamp_ns,), timeout_s, **gap)
 
-    async def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-        timeout_s: float,
-        *,
-        max_gap_s: float | None = None,
-    ) -> StampedTransform:
+    async def lookup_transform_full(self, *lookup: Any, **gap: Any) -> StampedTransform:
         """As `TransformTree.lookup_transform_full`."""
-        names, stamps = (target, source, fixed_frame), (target_stamp_ns, source_stamp_ns)
+        target, target_ns, source, source_ns, fixed_frame, timeout_s = lookup
         with contextlib.suppress(*MAY_SUCCEED_LATER):
-            return self._tree.lookup_transform_full(
-                target, stamps[0], source, stamps[1], fixed_frame, max_gap_s=max_gap_s
-            )
-        return await self._wait(_core.OP_FULL, names, *stamps, timeout_s, max_gap_s)
+            return self._tree.lookup_transform_full(*lookup[:-1], **gap)
+        names, stamps = (target, source, fixed_frame), (target_ns, source_ns)
+        return await self._wait(_core.OP_FULL, names, stamps, timeout_s, **gap)
 
     async def _wait(
         self,
         op: int,
         names: tuple[str, ...],
-        stamp_ns: int | None,
-        source_stamp_ns: int | None,
+        stamps_ns: tuple[int | None, ...],
         timeout_s: float,
-        max_gap_s: float | None,
+        max_gap_s: float | None = None,
     ) -> StampedTransform:
-        number, woken = next(self._ids), asyncio.get_running_loop().create_future()
-        begin_s = time.monotonic()
-        rows = [np.array([row], np.uint32) for row in (0, 1, 2)]
+        number, begin_s = next(self._ids), time.monotonic()
+        rows = [np.array([row], np.uint32) for row in range(len(names))]
         stamps = [
-            np.array([_core.NO_STAMP if each is None else each], np.int64)
-            for each in (stamp_ns, source_stamp_ns)
+            np.array([_core.NO_STAMP if each is None else each], np.int64) for each in stamps_ns
         ]
-        parked = _core.park_lookups(
-            self._tree,
-            self._queue,
-            number,
-            names,
-            np.array([op], np.uint8),
-            rows[0],
-            rows[1],
-            stamps[0],
-            rows[2] if op == _core.OP_FULL else None,
-            stamps[1] if op == _core.OP_FULL else None,
-            max_gap_ns=max_gap_ns(max_gap_s),
-        )
-        self._waiting[number] = woken
+        fixed, source_stamp = (rows[2], stamps[1]) if op == _core.OP_FULL else (None, None)
+        lookup = np.array([op], np.uint8), rows[0], rows[1], stamps[0], fixed, source_stamp
+        gap, queue = max_gap_ns(max_gap_s), self._queue
+        parked = _core.park_lookups(self._tree, queue, number, names, *lookup, max_gap_ns=gap)
+        woken = self._waiting[number] = asyncio.get_running_loop().create_future()
         try:
             if not parked.start():
                 with contextlib.suppress(TimeoutError):

@@ -7,76 +7,20 @@ import os
 import threading
 import weakref
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Union
 
-from zenoh_tf import FrameInfo, StampedTransform, TransformTree
+from zenoh_tf import FrameInfo, TransformTree
 from zenoh_tf.errors import LookupException
 
 from .parked import parked_lookups
-from .topics import Send
 from .wait_loop import WaitLoop
 
 if TYPE_CHECKING:
     from zenoh_tf_client import TransformClient
+    from zenoh_tf_client.tf2.connection import Server
 
-
-class Tree(Protocol):
-    """What buffers call: `TransformTree` and `TransformClient` have it."""
-
-    def lookup_transform(
-        self,
-        target: str,
-        source: str,
-        stamp_ns: int | None = None,
-        timeout_s: float = 0.0,
-        *,
-        max_gap_s: float | None = None,
-    ) -> StampedTransform:
-        """As `TransformTree.lookup_transform`."""
-
-    def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-        timeout_s: float = 0.0,
-        *,
-        max_gap_s: float | None = None,
-    ) -> StampedTransform:
-        """As `TransformTree.lookup_transform_full`."""
-
-    def latest_common_time(self, a: str, b: str) -> int | None:
-        """As `TransformTree.latest_common_time`."""
-
-    def set_transform(
-        self, stamped: StampedTransform, authority: str = "", static: bool = False
-    ) -> bool:
-        """As `TransformTree.set_transform`."""
-
-    def clear(self) -> None:
-        """As `TransformTree.clear`."""
-
-
-class Source(Protocol):
-    """A tree, and what the two kinds of trees do in different ways."""
-
-    def tree(self) -> Tree:
-        """Return the tree; connect if need be. Raises the service's errors."""
-
-    def waits(self) -> WaitLoop:
-        """Return the loop on which lookups wait. Raises as `tree`."""
-
-    def frames(self) -> list[FrameInfo]:
-        """Return what is known about every frame. Raises as `tree`."""
-
-
-class Server(Source, Protocol):
-    """The server of the process's connection."""
-
-    def publisher(self, authority: str, *, static: bool) -> Send:
-        """Return what publishes to it. Raises as `tree`."""
+#: A tree, and what the two kinds of trees do in different ways.
+Source = Union["OwnTree", "Server"]
 
 
 class OwnTree:
@@ -100,8 +44,7 @@ class OwnTree:
         with self._lock:
             if self._waits is None or self._process != os.getpid():
                 tree = self._tree
-                self._waits = WaitLoop(lambda: parked_lookups(tree))
-                self._process = os.getpid()
+                self._waits, self._process = WaitLoop(lambda: parked_lookups(tree)), os.getpid()
                 weakref.finalize(self, self._waits.close).atexit = False
             return self._waits
 
@@ -120,11 +63,8 @@ _connected = False  # by `connect`: what is made from then on is on the server
 def connect(
     endpoint: str | Sequence[str] | None = None, tree: str | None = None
 ) -> TransformClient:
-    """Connect this process to a server; return its connection if it has one.
-
-    Buffers and broadcasters that are made from then on are on the server's tree. Scripts for tf2
-    name no server, because theirs is whatever is on /tf. So each process has one connection, and
-    a script calls this before it makes anything else.
+    """Connect this process to a server, whose tree all buffers and broadcasters that are made from
+    then on share; return the connection if there is one.
 
     Args:
         endpoint: Where the server listens, or several such endpoints as for
@@ -140,9 +80,7 @@ def connect(
         InvalidArgumentException: The open connection has another endpoint or tree.
     """
     global _connected  # noqa: PLW0603
-    from zenoh_tf_client.tf2 import connection  # noqa: PLC0415 - what needs no server needs no SDK
-
-    client = connection.connect(endpoint, tree)
+    client = server().connect(endpoint, tree)
     _connected = True
     return client
 
@@ -155,17 +93,15 @@ def close() -> None:
     need not call it: connections are closed when the interpreter ends.
     """
     global _connected  # noqa: PLW0603
-    from zenoh_tf_client.tf2 import connection  # noqa: PLC0415
-
     _connected = False
-    connection.close()
+    server().close()
 
 
 def server() -> Server:
     """Return the server of the process's connection, without connecting."""
-    from zenoh_tf_client.tf2 import connection  # noqa: PLC0415
+    from zenoh_tf_client.tf2.connection import SERVER  # noqa: PLC0415 - only this needs the SDK
 
-    return connection.SERVER
+    return SERVER
 
 
 def connected() -> Server | None:

@@ -103,8 +103,7 @@ def time_of(stamp_ns: int) -> Time:
 
 
 def stamp_ns(time: Any) -> int | None:
-    """Return a time, or a number of seconds, in nanoseconds; None for time 0, by which tf2 means
-    the latest.
+    """Return a time or a number of seconds in nanoseconds; None for 0, which means the latest.
 
     Raises TypeError if it is neither, InvalidArgumentException if it is out of range.
     """
@@ -116,10 +115,7 @@ def stamp_ns(time: Any) -> int | None:
 
 
 def seconds(duration: Any) -> float:
-    """Return a duration, or a number of seconds, in seconds; a negative one is none, as in tf2.
-
-    Raises TypeError if it is neither.
-    """
+    """Return a duration or a number of seconds in seconds; 0 for a negative one. Else TypeError."""
     return max(float(duration) if _is_number(duration) else nanoseconds(duration) / 1e9, 0.0)
 
 

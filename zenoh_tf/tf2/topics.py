@@ -17,13 +17,11 @@ from .messages import fill, message_of
 
 TF: Final = "/tf"
 TF_STATIC: Final = "/tf_static"
-#: Gets a TFMessage.
-Callback = Callable[[Any], object]
 #: Sends transforms.
 Send = Callable[[list[StampedTransform]], None]
 
 _lock = threading.RLock()  # a callback may send
-_subscribers: dict[object, tuple[str, Callback]] = {}
+_subscribers: dict[object, tuple[str, Callable[[Any], object]]] = {}
 _statics: dict[str, StampedTransform] = {}  # the last of each child, for later subscribers
 
 
@@ -33,23 +31,20 @@ def is_node(node: Any) -> bool:
 
 
 def subscribe(
-    node: Any, topic: str, callback: Callback, qos: Any, *, static: bool
+    node: Any, topic: str, callback: Callable[[Any], object], qos: Any, *, static: bool
 ) -> Callable[[], object]:
     """Call back with the messages of a topic. Returns what ends that."""
     if is_node(node):
         from rclpy.callback_groups import ReentrantCallbackGroup  # noqa: PLC0415 - ROS 2's
         from tf2_msgs.msg import TFMessage  # noqa: PLC0415
 
-        # So that a node with several threads receives while one of its callbacks waits.
-        group = ReentrantCallbackGroup()
-        subscription = node.create_subscription(
-            TFMessage, topic, callback, qos or _qos(static), callback_group=group
-        )
-        return lambda: node.destroy_subscription(subscription)
-    key = object()
+        qos, group = qos or _qos(static), ReentrantCallbackGroup()  # also while a callback waits
+        made = node.create_subscription(TFMessage, topic, callback, qos, callback_group=group)
+        return lambda: node.destroy_subscription(made)
+    key, topic = object(), "/" + topic.strip("/")
     with _lock:
-        _subscribers[key] = _name(topic), callback
-        if _name(topic) == TF_STATIC and _statics:
+        _subscribers[key] = topic, callback
+        if topic == TF_STATIC and _statics:
             callback(_message(_statics.values()))
     return lambda: _subscribers.pop(key, None)
 
@@ -61,7 +56,8 @@ def publisher(node: Any, qos: Any, *, static: bool) -> Send:
     from geometry_msgs.msg import TransformStamped  # noqa: PLC0415 - ROS 2's
     from tf2_msgs.msg import TFMessage  # noqa: PLC0415
 
-    topic = node.create_publisher(TFMessage, TF_STATIC if static else TF, qos or _qos(static))
+    qos = qos or _qos(static, depth=1 if static else 100)
+    topic = node.create_publisher(TFMessage, TF_STATIC if static else TF, qos)
     sent: dict[str, StampedTransform] = {}
 
     def send(stampeds: list[StampedTransform]) -> None:
@@ -77,10 +73,9 @@ def publisher(node: Any, qos: Any, *, static: bool) -> Send:
 
 
 def _send(stampeds: list[StampedTransform], topic: str = TF) -> None:
-    with _lock:
-        callbacks = [callback for name, callback in _subscribers.values() if name == topic]
-    for callback in callbacks:
-        callback(_message(stampeds))
+    for name, callback in list(_subscribers.values()):
+        if name == topic:
+            callback(_message(stampeds))
 
 
 def _send_static(stampeds: list[StampedTransform]) -> None:
@@ -93,13 +88,9 @@ def _message(stampeds: Iterable[StampedTransform]) -> SimpleNamespace:
     return SimpleNamespace(transforms=[message_of(each) for each in stampeds])
 
 
-def _name(topic: str) -> str:
-    return "/" + topic.strip("/")
-
-
-def _qos(static: bool) -> Any:
+def _qos(static: bool, depth: int = 100) -> Any:
     """The quality of service of tf2's topics."""
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile  # noqa: PLC0415 - ROS 2's
 
     durability = DurabilityPolicy.TRANSIENT_LOCAL if static else DurabilityPolicy.VOLATILE
-    return QoSProfile(depth=100, durability=durability, history=HistoryPolicy.KEEP_LAST)
+    return QoSProfile(depth=depth, durability=durability, history=HistoryPolicy.KEEP_LAST)

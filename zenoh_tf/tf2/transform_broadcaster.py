@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, ClassVar
-
-from zenoh_tf import StampedTransform
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from . import sources, topics
 from .messages import stamped_of
+
+if TYPE_CHECKING:
+    from zenoh_tf_client.tf2.connection import Server
 
 #: The authority if no node is given.
 _DEFAULT_AUTHORITY = "tf2"
 
 
 class TransformBroadcaster:
-    """Sends TransformStampeds: to the server if the process has called `connect`, as the authority
-    with the node's name, else on the topic /tf of the node, or of the process without a node.
+    """Sends TransformStampeds on /tf, the node's topic, or the process's without a node; to the
+    server if the process has called `connect`, as the authority with the node's name.
 
     Thread safety: all methods.
 
     Args:
-        node: A node of rclpy. Its name is used, with its namespace, and its topic.
+        node: A node of rclpy.
         qos: The quality of service of the node's topic; None for tf2's.
 
     Raises:
@@ -30,7 +31,7 @@ class TransformBroadcaster:
 
     _static: ClassVar[bool] = False
     #: Where it sends to; None: where `connect` leads.
-    _server: ClassVar[sources.Server | None] = None
+    _server: ClassVar[Server | None] = None
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         server = self._server or sources.connected()
@@ -40,10 +41,9 @@ class TransformBroadcaster:
             self._send = server.publisher(authority_of(node), static=self._static)
 
     def sendTransform(self, transform: Any) -> None:
-        """Send one TransformStamped or several, without waiting for who receives them.
+        """Send one TransformStamped or several, without waiting.
 
-        Who receives them logs what it rejects, and drops transforms older than its cache time; a
-        server counts them, too.
+        Who receives them logs what it rejects, and drops transforms older than its cache time.
 
         Args:
             transform: A message or an iterable of messages, which a server stores atomically.
@@ -52,7 +52,8 @@ class TransformBroadcaster:
             ServerUnavailable: The connection is closed.
             LimitExceeded: The message to the server would be larger than 16 MiB.
         """
-        self._send(stampeds_of(transform))
+        messages = transform if isinstance(transform, Iterable) else [transform]
+        self._send([stamped_of(message) for message in messages])
 
 
 def authority_of(node: Any) -> str:
@@ -61,9 +62,3 @@ def authority_of(node: Any) -> str:
         if hasattr(node, name):
             return str(getattr(node, name)())
     return _DEFAULT_AUTHORITY
-
-
-def stampeds_of(transform: Any) -> list[StampedTransform]:
-    """Convert one message or several to the SDK's class."""
-    messages = transform if isinstance(transform, Iterable) else [transform]
-    return [stamped_of(message) for message in messages]

@@ -15,9 +15,6 @@ from .buffer import Buffer, BufferInterface
 
 log = logging.getLogger("zenoh_tf.tf2")
 
-#: As whom tf2's listeners store all transforms.
-_AUTHORITY = "default_authority"
-
 
 class TransformListener:
     """Fills a buffer that has a tree of its own from the topics of a node, or of the process.
@@ -28,15 +25,15 @@ class TransformListener:
     spin, so a lookup may wait in a callback.
 
     Args:
-        buffer: What is filled; kept as the attribute `buffer`. It may be of any class that has
-            `set_transform` and `set_transform_static`.
+        buffer: What is filled, of any class that has `set_transform` and `set_transform_static`;
+            kept as the attribute `buffer`.
         node: A node of rclpy; kept as the attribute `node`.
         spin_thread: Whether a thread of this object spins the node.
         qos: The quality of service of the node's topic `tf_topic`; None for tf2's.
         static_qos: That of `tf_static_topic`.
-        tf_topic: The topic of moving transforms. On a server's tree it must be the default: another
-            topic is another tree (ZENOH_TF_TREE).
-        tf_static_topic: The topic of static transforms, likewise.
+        tf_topic: The topic of moving transforms. On a server's tree both must be the defaults:
+            another topic is another tree (ZENOH_TF_TREE).
+        tf_static_topic: The topic of static transforms.
         static_only: Receive static transforms only.
 
     Raises:
@@ -60,14 +57,25 @@ class TransformListener:
         self.node = node
         self._ends: list[Callable[[], object]] = []
         if isinstance(buffer, Buffer) and buffer.is_on_server:
-            _check_topic("tf_topic", tf_topic, topics.TF)
-            _check_topic("tf_static_topic", tf_static_topic, topics.TF_STATIC)
+            for field, topic in (("tf_topic", tf_topic), ("tf_static_topic", tf_static_topic)):
+                if topic.strip("/") != field.removesuffix("_topic"):
+                    raise InvalidArgumentException(
+                        f"{field}={topic!r}: a server has no topics; a separate tree replaces "
+                        "them, named by ZENOH_TF_TREE or connect(tree=...)",
+                        field=field,
+                        value=topic,
+                    )
         elif hasattr(buffer, "set_transform"):
             if not static_only:
                 self._listen(tf_topic, qos, static=False)
             self._listen(tf_static_topic, static_qos, static=True)
             if spin_thread and topics.is_node(node):
-                self._spin()
+                from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415 - ROS 2's
+
+                executor = SingleThreadedExecutor()
+                executor.add_node(node)
+                threads.start("tf2 listener", executor.spin)
+                self._ends.append(executor.shutdown)
 
     def unregister(self) -> None:
         """Fill the buffer no longer."""
@@ -78,71 +86,22 @@ class TransformListener:
         known = weakref.ref(self.buffer)
 
         def receive(message: Any) -> None:
-            if (buffer := known()) is not None:
-                _fill(buffer, message, static=static)
+            buffer: Any = known()
+            for transform in () if buffer is None else message.transforms:
+                store = buffer.set_transform_static if static else buffer.set_transform
+                try:  # each by itself, as whom tf2's listeners store all
+                    store(transform, "default_authority")
+                except TransformException as error:
+                    log.warning("a transform of a listener was rejected: %s", error)
 
         end = topics.subscribe(self.node, topic, receive, qos, static=static)
         self._ends.append(end)
         if not topics.is_node(self.node):  # a node keeps its subscriptions itself
             weakref.finalize(self.buffer, end)
 
-    def _spin(self) -> None:
-        from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415 - ROS 2's
-
-        executor = SingleThreadedExecutor()
-        executor.add_node(self.node)
-        threads.start("tf2 listener", executor.spin)
-        self._ends.append(executor.shutdown)
-
 
 class StaticTransformListener(TransformListener):
-    """As `TransformListener` with `static_only`.
+    """As `TransformListener` with `static_only`, and with its other arguments."""
 
-    Args:
-        buffer: Kept as the attribute `buffer`.
-        node: Kept as the attribute `node`.
-        spin_thread: As of `TransformListener`.
-        static_qos: As of `TransformListener`.
-        tf_static_topic: As of `TransformListener`.
-
-    Raises:
-        InvalidArgumentException: Another topic is asked for on a server's tree.
-    """
-
-    def __init__(
-        self,
-        buffer: BufferInterface,
-        node: Any = None,
-        *,
-        spin_thread: bool = False,
-        static_qos: Any = None,
-        tf_static_topic: str = topics.TF_STATIC,
-    ) -> None:
-        super().__init__(
-            buffer,
-            node,
-            spin_thread=spin_thread,
-            static_qos=static_qos,
-            tf_static_topic=tf_static_topic,
-            static_only=True,
-        )
-
-
-def _fill(buffer: Any, message: Any, *, static: bool) -> None:
-    """Store each transform that the buffer accepts, as tf2 does."""
-    store = buffer.set_transform_static if static else buffer.set_transform
-    for transform in message.transforms:
-        try:
-            store(transform, _AUTHORITY)
-        except TransformException as error:
-            log.warning("a transform of a listener was rejected: %s", error)
-
-
-def _check_topic(field: str, topic: str, only: str) -> None:
-    if topic.strip("/") != only.strip("/"):
-        raise InvalidArgumentException(
-            f"{field}={topic!r}: a server has no topics; a separate tree replaces them, named by "
-            "ZENOH_TF_TREE or connect(tree=...)",
-            field=field,
-            value=topic,
-        )
+    def __init__(self, buffer: BufferInterface, node: Any = None, **options: Any) -> None:
+        super().__init__(buffer, node, static_only=True, **options)

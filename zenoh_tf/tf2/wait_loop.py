@@ -37,22 +37,15 @@ class WaitLoop:
         self,
         lookups: Callable[[], AbstractContextManager[Any]],
         is_closed: Callable[[], bool] = lambda: False,
-        check: Callable[[], None] = lambda: None,
     ) -> None:
-        """Start the thread.
+        """Start the thread, on which `lookups` gives what has the lookups as coroutines.
 
-        Raises ServiceException if the process has no thread or file left for it.
-
-        Args:
-            lookups: Called on the loop: what has `lookup_transform` and `lookup_transform_full` as
-                coroutines, until `close`.
-            is_closed: Whether no lookup can succeed any more.
-            check: Raises ServerUnavailable if no lookup can start in this process.
+        `is_closed`: whether no lookup can succeed any more. Raises ServiceException if the process
+        has no thread or file left.
         """
         self._lock = threading.Lock()
         self._closed = False
         self._lookups = lookups
-        self._check = check
         self.is_closed = is_closed
         self._end = asyncio.Event()
         started: Future[asyncio.AbstractEventLoop] = Future()
@@ -68,13 +61,8 @@ class WaitLoop:
     def start(self, coroutine: Coroutine[Any, Any, T]) -> Future[T]:
         """Run a coroutine on the loop. The future's `cancel` cancels it.
 
-        Raises ServerUnavailable if the loop is closed, or its thread is in the parent process.
+        Raises ServerUnavailable if the loop is closed.
         """
-        try:
-            self._check()
-        except ServerUnavailable:
-            coroutine.close()
-            raise
         with self._lock:
             if not self._closed:
                 return asyncio.run_coroutine_threadsafe(coroutine, self._loop)

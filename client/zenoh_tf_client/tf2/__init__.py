@@ -1,8 +1,5 @@
 """`zenoh_tf.tf2` on the server's tree from the first line on, without a call of `connect`.
 
-    import zenoh_tf_client.tf2 as tf2_ros                     # was: import tf2_ros
-    from zenoh_tf_client.tf2.buffer import Buffer             # was: from tf2_ros.buffer import ...
-
 The environment variables ZENOH_TF_CONNECT and ZENOH_TF_TREE name the server.
 """
 

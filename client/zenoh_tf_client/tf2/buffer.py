@@ -1,7 +1,3 @@
-"""`Buffer` on the server's tree."""
-
-from __future__ import annotations
-
 from zenoh_tf import tf2
 from zenoh_tf.tf2 import BufferInterface, NotImplementedException
 

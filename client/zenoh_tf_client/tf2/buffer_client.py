@@ -1,3 +1,1 @@
-"""As `zenoh_tf.tf2.buffer_client`."""
-
-from zenoh_tf.tf2.buffer_client import *  # noqa: F403
+from zenoh_tf.tf2.buffer_client import *  # noqa: F403 - the old name of this module

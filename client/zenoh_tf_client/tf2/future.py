@@ -1,3 +1,1 @@
-"""As `zenoh_tf.tf2.future`."""
-
-from zenoh_tf.tf2.future import *  # noqa: F403
+from zenoh_tf.tf2.future import *  # noqa: F403 - the old name of this module

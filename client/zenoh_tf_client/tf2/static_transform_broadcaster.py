@@ -1,7 +1,3 @@
-"""`StaticTransformBroadcaster` to the server."""
-
-from __future__ import annotations
-
 from zenoh_tf import tf2
 
 from .connection import SERVER

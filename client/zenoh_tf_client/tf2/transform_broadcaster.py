@@ -1,7 +1,3 @@
-"""`TransformBroadcaster` to the server."""
-
-from __future__ import annotations
-
 from zenoh_tf import tf2
 
 from .connection import SERVER

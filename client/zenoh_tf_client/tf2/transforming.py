@@ -1,3 +1,1 @@
-"""As `zenoh_tf.tf2.transforming`."""
-
-from zenoh_tf.tf2.transforming import *  # noqa: F403
+from zenoh_tf.tf2.transforming import *  # noqa: F403 - the old name of this module
