@@ -315,3 +315,37 @@ def test_the_old_names_of_modules_remain() -> None:
     assert stamped is stamped_of
     assert (Time, do_transform_point) == (tf2.Time, tf2.do_transform_point)
     assert set(zenoh_tf_client.tf2.__all__) == set(tf2.__all__)
+
+
+ENDS_WITH_WAITS = """
+from zenoh_tf.tf2 import Buffer, Header, MessageFilter, Time, TransformStamped
+
+buffer = Buffer()
+held = MessageFilter(None, buffer, "never", 10)
+held.add(TransformStamped(Header(Time(1), "port"), "ship"))
+waits = [buffer.wait_for_transform_async("port", "never", Time()) for _ in range(3)]
+"""
+
+WAITS_AFTER_A_FORK = """
+import os
+from zenoh_tf.tf2 import Buffer, Header, Time, TransformStamped
+
+buffer = Buffer()
+buffer.set_transform(TransformStamped(Header(Time(1), "port"), "ship"), "")
+buffer.wait_for_transform_async("port", "ship", Time()).result(30)
+child = os.fork()
+if child:
+    raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+future = buffer.wait_for_transform_async("port", "ship", Time(2))
+buffer.set_transform(TransformStamped(Header(Time(3), "port"), "ship"), "")
+print(future.result(30).header.stamp.sec, flush=True)
+os._exit(0)
+"""
+
+
+def test_a_script_may_end_at_any_time() -> None:
+    assert run(ENDS_WITH_WAITS) == []
+
+
+def test_a_forked_process_waits_by_itself() -> None:
+    assert run(WAITS_AFTER_A_FORK) == ["2"]
