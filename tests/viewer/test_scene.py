@@ -145,6 +145,16 @@ def test_stale_links_are_marked(viewer: Viewer, tree: Tree) -> None:
     assert "1 stale (over 1 s): base" in viewer.panel.status.content
 
 
+def test_a_link_that_has_not_begun_is_not_stale(viewer: Viewer, tree: Tree) -> None:
+    tree.set("map", "base", 1, stamp_ns=5 * S)
+    base = step(viewer)["base"]
+    assert (base.label, base.colour) == ("base (not yet)", scene.AWAITED)
+    assert "1 not yet: base" in viewer.panel.status.content
+    assert "stale" not in viewer.panel.status.content
+    tree.time_ns = 5 * S
+    assert step(viewer)["base"].label == "base"
+
+
 def test_frames_come_and_go(viewer: Viewer, tree: Tree) -> None:
     tree.set("map", "base", 1)
     tree.set("map", "other", 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -142,12 +143,13 @@ def test_recorded_links(recorded: RecordedSource) -> None:
     assert (camera.static, camera.age_s, camera.parent) == (True, None, "base")
 
 
-def test_a_link_before_its_first_sample_is_stale(recorded: RecordedSource) -> None:
+def test_a_link_before_its_first_sample_is_not_stale(recorded: RecordedSource) -> None:
     late = recorded.link("late", 2 * S)
     assert late is not None
     assert (late.sample_ns, late.parent) == (4 * S, "map")
     assert late.age_s == pytest.approx(-2.0)
-    assert late.is_stale(10.0)
+    assert late.is_awaited
+    assert not late.is_stale(0.0)
 
 
 def test_a_recorded_link_has_the_parent_of_the_time(recorded: RecordedSource) -> None:
@@ -165,3 +167,12 @@ def test_steps_of_a_recording_end_at_samples(recorded: RecordedSource) -> None:
     assert recorded.step_ns(["base", "late"], 3 * S + 9 * S // 10, 1) == 4 * S
     assert recorded.step_ns(["base"], 6 * S, 1) == 6 * S  # there is none
     assert recorded.step_ns(["camera"], at_ns, 1) == at_ns
+
+
+def test_when_a_recorded_frame_has_samples(tmp_path: Path) -> None:
+    times = [*(i / 10 for i in range(11)), *(3 + i / 10 for i in range(11))]
+    log = [(1 + t, "/tf", [("map", "base", 1 + t, 0.0)]) for t in times]
+    with open_recording(write(tmp_path / "run", log)) as recording:
+        source = RecordedSource(recording)
+    assert source.spans_ns("base") == [(1 * S, 2 * S), (4 * S, 5 * S)]
+    assert source.spans_ns("map") == []

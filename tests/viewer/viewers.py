@@ -49,6 +49,9 @@ class Tree:
     def step_ns(self, names: Any, time_ns: int, step: int) -> int:
         return time_ns + step * S // 10
 
+    def spans_ns(self, name: str) -> list[tuple[int, int]]:
+        return []
+
     def trouble(self) -> str | None:
         return self.reported
 

@@ -17,6 +17,8 @@ class Cameras:
         """Give new browsers the viewer's field of view."""
         self._server = server
         self._initial = DEFAULT
+        self._shown: tuple[NDArray[np.float64], float] = np.zeros((1, 3)), 1.0
+        self._fitted = set[int]()  # the browsers whose cameras fit their windows
         server.initial_camera.fov = FOV_RAD
 
     def latest(self) -> Camera:
@@ -40,11 +42,25 @@ class Cameras:
         initial = self._server.initial_camera
         initial.near, initial.far = size_m / 1000, size_m * 1000
         initial.position, initial.look_at = self._initial.position, self._initial.look_at
-        for client in self._server.get_clients().values():
-            camera = fit(points, _camera(client.camera), least_m)
-            client.camera.near, client.camera.far = initial.near, initial.far
-            client.camera.position, client.camera.look_at = camera.position, camera.look_at
+        self._shown = points, least_m
+        self._fitted.clear()
+        for number, client in self._server.get_clients().items():
+            self._fit(number, client.camera)
         return size_m
+
+    def welcome(self) -> None:
+        """Fit the cameras of new browsers, which began with one for another window."""
+        for number, client in self._server.get_clients().items():
+            begins = np.allclose(client.camera.position, self._initial.position, rtol=1e-4)
+            if begins and number not in self._fitted:
+                self._fit(number, client.camera)
+
+    def _fit(self, number: int, camera: viser.CameraHandle) -> None:
+        self._fitted.add(number)
+        points, least_m = self._shown
+        fitted = fit(points, _camera(camera), least_m)
+        camera.near, camera.far = self._server.initial_camera.near, self._server.initial_camera.far
+        camera.position, camera.look_at = fitted.position, fitted.look_at
 
 
 def _camera(handle: viser.CameraHandle) -> Camera:

@@ -78,6 +78,9 @@ class LiveSource:
         newest_ns = max((x.newest_stamp_ns for x in frames if x.newest_stamp_ns), default=time_ns)
         return min(max(time_ns + step * period_ns, oldest_ns), max(newest_ns, oldest_ns))
 
+    def spans_ns(self, name: str) -> list[tuple[int, int]]:
+        return []
+
     def _find(self, name: str) -> FrameInfo | None:
         try:
             return self._mirror.frame(name)

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from zenoh_tf import TransformTree
 from zenoh_tf.recordings import MAX_MEMORY_BYTES, OPTIONS, Recording
 from zenoh_tf.recordings.load import valid_commits
+from zenoh_tf_tools.doctor.timing import PAUSE_PERIODS
 from zenoh_tf_tools.viewer.source import Lookups, ViewedLink
 
 #: The rate of a link is that of its samples in this long before the time.
 _RATE_NS = 5 * 10**9
+#: A pause of a link is at least so long.
+_PAUSE_NS = 500_000_000
 
 
 class RecordedSource:
@@ -87,6 +90,17 @@ class RecordedSource:
             if 0 <= at < len(stamps_ns):
                 found.append(int(stamps_ns[at]))
         return (min(found) if step > 0 else max(found)) if found else time_ns
+
+    def spans_ns(self, name: str) -> list[tuple[int, int]]:
+        stamps_ns = self._stamps_ns.get(name)
+        if stamps_ns is None:
+            return []
+        steps_ns = np.diff(stamps_ns)
+        period_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
+        parts = np.split(
+            stamps_ns, np.flatnonzero(steps_ns > max(_PAUSE_NS, PAUSE_PERIODS * period_ns)) + 1
+        )
+        return [(int(part[0]), int(part[-1])) for part in parts]
 
     def trouble(self) -> str | None:
         return None

@@ -30,16 +30,19 @@ from zenoh_tf_tools.viewer import labels
 from zenoh_tf_tools.viewer.camera import Camera, grid_cell_m
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.source import ViewedLink
-from zenoh_tf_tools.viewer.trails import Trails
+from zenoh_tf_tools.viewer.trails import NO_TRAILS, Trails
 
 Colour = tuple[int, int, int]
 
 # The browser draws lines lighter than this.
 FRESH: Final[Colour] = (0, 110, 80)
 STATIC: Final[Colour] = (110, 115, 125)
+AWAITED: Final[Colour] = (165, 165, 150)
 STALE: Final[Colour] = (220, 0, 0)
 FAULTY: Final[Colour] = (190, 0, 190)
-TRAIL: Final[Colour] = (20, 60, 220)
+#: The colours of a trail at its end and at its beginning.
+TRAIL: Final = np.array((20, 60, 220))
+PALE: Final = np.array((190, 205, 240))
 SELECTED: Final[Colour] = (255, 150, 0)
 
 #: Which names can be drawn: those of all frames, of roots and moving frames, or none.
@@ -76,9 +79,11 @@ class Look:
     faults: Mapping[str, str]
 
 
-def label_text(link: ViewedLink, stale: bool, fault: str = "") -> str:
+def label_text(link: ViewedLink, stale_after_s: float, fault: str = "") -> str:
     """Return the text beside a frame; `fault`: what is wrong with it, in short."""
-    text = cut(printable(link.name), _LABEL_CHARS) + (" (stale)" if stale else "")
+    state = " (not yet)" if link.is_awaited else ""
+    state = " (stale)" if link.is_stale(stale_after_s) else state
+    text = cut(printable(link.name), _LABEL_CHARS) + state
     return f"{text}: {fault}" if fault else text
 
 
@@ -88,6 +93,8 @@ def colour_of(link: ViewedLink, stale_after_s: float, faulty: bool = False) -> C
         return STALE
     if faulty:
         return FAULTY
+    if link.is_awaited:
+        return AWAITED
     return STATIC if link.age_s is None else FRESH
 
 
@@ -121,10 +128,9 @@ class Scene:
         self._grid.set(cell_color=(225, 225, 225), section_color=(195, 195, 195))
         self._links = self._lines("/links", 2.5)
         self._trails = self._lines("/trails", 2.0)
-        self._segments = np.empty((0, 2, 3))
+        self._trail = NO_TRAILS
         #: From where a trail ended when it was drawn to where its frame is.
         self._heads = self._lines("/heads", 2.0)
-        self._ends: Mapping[str, NDArray[np.float64]] = {}
         self._axes = self._origins = Node(None)
         # They are there before a label hangs on them: on a new one it would flash at the origin.
         self._spare = [
@@ -167,19 +173,23 @@ class Scene:
             points=np.array(ends, np.float32).reshape(-1, 2, 3),
             colors=np.array(of_links, np.uint8).reshape(-1, 2, 3),
         )
-        self._draw_lines(self._trails, self._segments - self.origin)
-        heads = [(end - self.origin, where[x][:3]) for x, end in self._ends.items() if x in where]
-        self._draw_lines(self._heads, np.array(heads).reshape(-1, 2, 3))
+        points = (self._trail.segments - self.origin).astype(np.float32)
+        age = 1 - self._trail.newness[..., None]
+        self._trails.set(points=points, colors=(TRAIL + age * (PALE - TRAIL)).astype(np.uint8))
+        heads = [
+            (end - self.origin, where[name][:3])
+            for name, end in self._trail.ends.items()
+            if name in where
+        ]
+        self._heads.set(
+            points=np.array(heads, np.float32).reshape(-1, 2, 3),
+            colors=np.full((len(heads), 2, 3), TRAIL, np.uint8),
+        )
         self._draw_labels(shown, poses[:, :3], links, look, camera)
 
     def set_trails(self, trails: Trails) -> None:
         """Draw these trails from the next picture on."""
-        self._segments, self._ends = trails.segments, trails.ends
-
-    def _draw_lines(self, node: Node, segments: NDArray[np.float64]) -> None:
-        """Draw the segments (n, 2, 3) of trails, metres in the scene."""
-        colours = np.full(segments.shape, TRAIL, np.uint8)
-        node.set(points=segments.astype(np.float32), colors=colours)
+        self._trail = trails
 
     def _lines(self, path: str, width: float) -> Node:
         none = np.zeros((0, 2, 3))
@@ -236,7 +246,7 @@ class Scene:
         turns = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
         places, sizes = np.zeros((count, 3), np.float32), np.ones(count, np.float32)
         axes = self._scene.add_batched_axes(
-            "/axes", turns, places, sizes, axes_length=1.0, axes_radius=0.03
+            "/axes", turns, places, sizes, axes_length=1.0, axes_radius=0.045
         )
         ball = icosphere(subdivisions=1)
         origins = self._scene.add_batched_meshes_simple(
@@ -268,10 +278,7 @@ class Scene:
         look: Look,
         camera: Camera,
     ) -> None:
-        texts = [
-            label_text(links[x], links[x].is_stale(look.stale_s), look.faults.get(x, ""))
-            for x in shown
-        ]
+        texts = [label_text(links[x], look.stale_s, look.faults.get(x, "")) for x in shown]
         pixels, inside = camera.project(positions)
         chosen = labels.choose(
             pixels,

@@ -35,8 +35,13 @@ class ViewedLink:
     authority: str
 
     def is_stale(self, after_s: float) -> bool:
-        """Return whether its newest sample is older than this, or has not come yet."""
-        return self.age_s is not None and not 0 <= self.age_s <= after_s
+        """Return whether its newest sample is older than this."""
+        return self.age_s is not None and self.age_s > after_s
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether its first sample comes later."""
+        return self.age_s is not None and self.age_s < 0
 
 
 #: What answers lookups.
@@ -71,6 +76,10 @@ class ViewedTree(Protocol):
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         """The time of the next sample of these frames, or if `step` is -1 of the one before, in
         nanoseconds; `time_ns` itself if there is none."""
+
+    def spans_ns(self, name: str) -> list[tuple[int, int]]:
+        """The times between which a frame has samples without a long pause, in nanoseconds; none
+        for a frame without stamps, and of a live tree."""
 
     def trouble(self) -> str | None:
         """Why what is shown may be out of date or incomplete; None if all is well."""

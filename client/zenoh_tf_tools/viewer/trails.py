@@ -25,11 +25,16 @@ class Trails:
 
     Attributes:
         segments: (n, 2, 3) the two ends of each segment, metres.
+        newness: (n, 2) how new these ends are, from 0 at the beginning of a trail to 1.
         ends: (3,) the last point of each trail that goes as far as its frame, metres.
     """
 
     segments: NDArray[np.float64]
+    newness: NDArray[np.float64]
     ends: Mapping[str, NDArray[np.float64]]
+
+
+NO_TRAILS = Trails(np.empty((0, 2, 3)), np.empty((0, 2)), {})
 
 
 def trails_of(
@@ -52,13 +57,16 @@ def trails_of(
     stamps_ns = np.arange(last - int(length_s * 1e9 / step_ns), last + 1) * step_ns
     stamps_ns = stamps_ns[stamps_ns >= 0]
     moving = [x.name for x in links if x.age_s is not None and x.name != fixed][:MAX_TRAILS]
-    segments = [np.empty((0, 2, 3))]
+    newness = np.linspace(0.0, 1.0, len(stamps_ns))
+    found = [(NO_TRAILS.segments, NO_TRAILS.newness)]
     ends = {}
     for name in moving:
         points = lookups.lookup_transforms(fixed, name, stamps_ns).translations
         pairs = np.stack([points[:-1], points[1:]], axis=1)
-        segments.append(pairs[~np.isnan(pairs).any(axis=(1, 2))])
+        whole = ~np.isnan(pairs).any(axis=(1, 2))
+        found.append((pairs[whole], np.stack([newness[:-1], newness[1:]], axis=1)[whole]))
         known = np.flatnonzero(~np.isnan(points[:, 0]))
         if len(known) and stamps_ns[known[-1]] >= until_ns - _GAP_NS:
             ends[name] = points[known[-1]]
-    return Trails(np.concatenate(segments), ends)
+    segments, newnesses = zip(*found, strict=True)
+    return Trails(np.concatenate(segments), np.concatenate(newnesses), ends)

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import viser
 from numpy.typing import NDArray
+from viser._messages import RunJavascriptMessage
 
 from zenoh_tf import Estimate, TransformException, Velocity
 from zenoh_tf.text import quoted
@@ -24,6 +25,7 @@ from zenoh_tf_tools.viewer.cameras import Cameras
 from zenoh_tf_tools.viewer.controls.figures import figures_html, findings_html, status_html
 from zenoh_tf_tools.viewer.controls.frame_tree import with_descendants
 from zenoh_tf_tools.viewer.controls.panel import SHOW_ALL, Panel
+from zenoh_tf_tools.viewer.controls.timeline import timeline_html
 from zenoh_tf_tools.viewer.findings import Findings, Observe
 from zenoh_tf_tools.viewer.ghost import Ghost
 from zenoh_tf_tools.viewer.live import is_clock
@@ -33,6 +35,12 @@ from zenoh_tf_tools.viewer.scene import SELECTED_AXES, Look, Scene
 from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 from zenoh_tf_tools.viewer.trails import trails_of
 
+#: Folds the panel once, where it lies over the scene: in a narrow window.
+_FOLD: Final = """
+const handle = document.querySelector('[style*="cursor: pointer"][style*="height: 3.5em"]');
+if (handle !== null && !window.zenohTfFolded) handle.click();
+window.zenohTfFolded = true;
+"""
 _PERIOD_S: Final = 0.05
 #: Without a browser: only often enough that a new browser finds the frames.
 _IDLE_PERIOD_S: Final = 0.5
@@ -85,6 +93,8 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     # of a page that a browser has opened may begin that.
     # Shadows made pictures three times as slow in a browser that draws in software.
     server.scene.configure_default_lights(cast_shadow=False)
+    # viser opens its panel over the lower half of a telephone, and has no option for it.
+    server.gui._websock_interface.queue_message(RunJavascriptMessage(_FOLD))
     server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="medium")
     server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
     return server
@@ -349,6 +359,16 @@ class Viewer:
             ),
         )
         self.panel.show(self.panel.faults, findings_html(self.findings.found))
+        if self._source.range_ns is not None:
+            spans = {x: self._source.spans_ns(x) for x in self.findings.of_frames()}
+            self.panel.show(
+                self.panel.timeline,
+                timeline_html(
+                    self._source.range_ns,
+                    self._time_ns or 0,
+                    {name: found for name, found in spans.items() if found},
+                ),
+            )
         self.panel.show(
             self.panel.status,
             status_html(
@@ -357,6 +377,7 @@ class Viewer:
                 self._fixed,
                 self._options.stale_s,
                 self._time_ns or 0,
+                time.time_ns(),
                 self._left_out,
                 self._source.trouble(),
                 self._followed,
@@ -374,7 +395,8 @@ class Viewer:
             return None
 
     def _move_cameras(self) -> None:
-        """Do what the buttons say that were pressed."""
+        """Do what the buttons say that were pressed, and fit the cameras of new browsers."""
+        self.cameras.welcome()
         while self.panel.pressed:
             if self.panel.pressed.popleft() == SHOW_ALL:
                 self._show_all()

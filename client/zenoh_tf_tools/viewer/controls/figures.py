@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import html
 import re
+import time
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -18,6 +19,7 @@ from zenoh_tf import Estimate, Transform, TransformException, Velocity
 from zenoh_tf.text import cut, printable
 from zenoh_tf.text.times import age, seconds
 from zenoh_tf_tools.doctor import Finding
+from zenoh_tf_tools.doctor.facts import SIMULATED_NS
 from zenoh_tf_tools.estimate_words import bounds, carried_on
 from zenoh_tf_tools.viewer.placement import Placement
 from zenoh_tf_tools.viewer.source import ViewedLink
@@ -26,8 +28,12 @@ from zenoh_tf_tools.viewer.source import ViewedLink
 _LISTED: Final = 8
 #: Faults in the panel; more are counted.
 _FAULTS: Final = 20
+#: From this age on, a time that is shown is said to be past.
+_AGO_NS: Final = 500_000_000
+#: Stamps after 2096 are of no clock.
+_MAX_DATE_NS: Final = 4 * 10**18
 _RED: Final = "#d22"
-_PURPLE: Final = "#a0a"
+PURPLE: Final = "#a0a"
 
 EMPTY_HTML: Final = (
     "<b>The tree has no frames yet.</b><br>They appear here as soon as someone publishes one. "
@@ -100,6 +106,7 @@ def status_html(
     fixed: str,
     stale_after_s: float,
     time_ns: int,
+    now_ns: int,
     left_out: int,
     trouble: str | None,
     followed: str | None,
@@ -110,7 +117,7 @@ def status_html(
         lines.append(f"<b style='color:{_RED}'>{html.escape(trouble)}</b>")
     if not links:
         return block("<br>".join([*lines, EMPTY_HTML]))
-    lines.append(f"at {seconds(time_ns)[:-6]} s")
+    lines.append(when_html(time_ns, now_ns))
     moving = sum(link.age_s is not None for link in links.values())
     lines.append(f"{len(links):,} frames, {moving:,} moving")
     if followed is not None:
@@ -123,6 +130,9 @@ def status_html(
             f"<span style='color:{_RED}'>{len(stale):,} stale (over {stale_after_s:g} s): "
             f"{_list(stale)}</span>"
         )
+    awaited = [link.name for link in links.values() if link.is_awaited]
+    if awaited:
+        lines.append(f"{len(awaited):,} not yet: {_list(awaited)}")
     if placement.elsewhere:
         others = sum(placement.elsewhere.values())
         lines.append(
@@ -130,6 +140,19 @@ def status_html(
             f"{_list([*placement.elsewhere])}"
         )
     return block("<br>".join(lines))
+
+
+def when_html(time_ns: int, now_ns: int) -> str:
+    """A time: its date, if it is of a clock, its seconds, and how long ago it was."""
+    stamp = f"{seconds(time_ns)[:-6]} s"
+    if time_ns < SIMULATED_NS or time_ns > _MAX_DATE_NS:
+        return f"at {stamp}"
+    date = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(time_ns // 10**9))
+    ago_ns = now_ns - time_ns
+    ago = f"<br>{age(ago_ns)} ago" if ago_ns >= _AGO_NS else ""
+    return (
+        f"{date}.{time_ns // 10**6 % 1000:03} UTC{ago}<br><span style='opacity:0.6'>{stamp}</span>"
+    )
 
 
 def findings_html(findings: Sequence[Finding] | None) -> str:
@@ -184,7 +207,7 @@ def _finding(finding: Finding, *, named: bool = False) -> str:
     evidence = html.escape(cut(printable(finding.evidence), 400))
     remedy = re.sub("`(.*?)`", r"<code>\1</code>", html.escape(finding.fault.remedy))
     return (
-        f"<b style='color:{_PURPLE}'>{title}</b><br>{subject}{evidence}"
+        f"<b style='color:{PURPLE}'>{title}</b><br>{subject}{evidence}"
         f"<br><span style='opacity:0.6'>{remedy}</span>"
     )
 

@@ -46,6 +46,7 @@ class Panel:
         self.pressed = deque[str](maxlen=4)
         self._entries: dict[str, str] = {}  # what the lists show -> frame
         self.clock = Clock(gui, range_ns, at_ns)
+        self.timeline = self._html("")
         self.status = self._html("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("view"):
