@@ -17,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,6 +47,11 @@ WHEEL: Final = """<visual><origin xyz="{x} {y} 0.15" rpy="1.5708 0 0"/><geometry
 START_S: Final = 1_700_000_000
 SOFTWARE: Final = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WINDOW: Final = {"width": 1280, "height": 720}
+PHONE: Final[Any] = {
+    "viewport": {"width": 390, "height": 844},
+    "is_mobile": True,
+    "has_touch": True,
+}
 
 Row = tuple[str, str, Transform]
 
@@ -85,12 +90,13 @@ class Writer:
         self._writer.close()
 
 
-def robot(path: Path, *, cup: bool = False) -> None:
+def robot(path: Path, *, cup: bool = False, late_s: float = 0.0) -> None:
     """A vehicle with an arm drives for ten seconds; its lidar stops after six.
 
     Args:
         path: Where the recording is made.
         cup: Whether two programs publish where a cup is.
+        late_s: When the lidar begins.
     """
     writer, arm = Writer(path), read(ARM)
     joints = JointTransforms(arm)
@@ -107,7 +113,7 @@ def robot(path: Path, *, cup: bool = False) -> None:
             ("map", "odom", planar(0.5, 0.2, 0.05)),
             ("odom", "base_link", planar(2 * math.sin(turn), 2 - 2 * math.cos(turn), turn)),
         ]
-        if t < 6:
+        if late_s <= t < 6:
             rows.append(("base_link", "lidar", planar(0.5, 0, 5 * t, 0.5)))
         positions = np.array([0.6 * math.sin(0.6 * t), 0.4 + 0.4 * math.sin(0.5 * t), 0.1, t, 0.03])
         moved = joints.move(["pan", "elbow", "slide", "roll", "left"], positions, 0)
@@ -165,44 +171,64 @@ def fleet(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def driving() -> Iterator[str]:
-    """A server with a vehicle that drives straight on, as a slow browser draws turns at different
-    times. Its localiser is 0.25 s late, and off by 2 cm. Yields the server's endpoint, ten
-    seconds later."""
+def serving(publish: Callable[[TransformClient, threading.Event], None]) -> Iterator[str]:
+    """A server that a thread publishes to. Yields the server's endpoint, ten seconds later."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
     command = [sys.executable, "-m", "zenoh_tf_server", "--listen", endpoint]
     server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     ended = threading.Event()
-
-    def localise(tf: TransformClient) -> None:
-        noise = np.random.default_rng(1)
-        start_ns = time.time_ns()
-        while not ended.wait(0.1):
-            now_ns = time.time_ns()
-            x, y = noise.normal((1.2e-9 * (now_ns - start_ns), 0), 0.02)
-            pose = planar(x, y, noise.normal(0, 0.003))
-            stamped = StampedTransform("map", "base_link", now_ns - 250_000_000, pose)
-            tf.set_transform(stamped, "localiser")
-
     try:
         with TransformClient.connect(endpoint, timeout_s=10.0) as tf:
-            mounts = {"lidar": planar(0.5, 0, 0, 0.5), "gps": planar(-0.5, 0, z=0.6)}
-            for name, mount in mounts.items():
-                stamped = StampedTransform("base_link", name, 0, mount)
-                tf.set_transform(stamped, "description", static=True)
-            localiser = threading.Thread(target=localise, args=(tf,))
-            localiser.start()
+            publisher = threading.Thread(target=publish, args=(tf, ended))
+            publisher.start()
             try:
                 time.sleep(10.0)
                 yield endpoint
             finally:
                 ended.set()
-                localiser.join()
+                publisher.join()
     finally:
         server.terminate()
         server.wait()
+
+
+def localise(tf: TransformClient, ended: threading.Event) -> None:
+    """A vehicle drives straight on. Its localiser is 0.25 s late, and off by 2 cm."""
+    for name, mount in {"lidar": planar(0.5, 0, 0, 0.5), "gps": planar(-0.5, 0, z=0.6)}.items():
+        stamped = StampedTransform("base_link", name, 0, mount)
+        tf.set_transform(stamped, "description", static=True)
+    noise = np.random.default_rng(1)
+    start_ns = time.time_ns()
+    while not ended.wait(0.1):
+        now_ns = time.time_ns()
+        x, y = noise.normal((1.2e-9 * (now_ns - start_ns), 0), 0.02)
+        pose = planar(x, y, noise.normal(0, 0.003))
+        stamped = StampedTransform("map", "base_link", now_ns - 250_000_000, pose)
+        tf.set_transform(stamped, "localiser")
+
+
+def swing(tf: TransformClient, ended: threading.Event) -> None:
+    """Six vehicles drive in circles, each with an arm: 30 moving frames."""
+    for number in range(6):
+        place = planar(number % 3 * 4, number // 3 * 4)
+        stamped = StampedTransform("map", f"r{number}/odom", 0, place)
+        tf.set_transform(stamped, "description", static=True)
+    while not ended.wait(0.02):
+        now_ns = time.time_ns()
+        t = now_ns / 1e9
+        rows = []
+        for number in range(6):
+            turn = 1.2 * t + number
+            pose = planar(1.3 * math.cos(turn), 1.3 * math.sin(turn), turn + math.pi / 2)
+            above = f"r{number}/odom"
+            for at, part in enumerate(("base", "shoulder", "elbow", "wrist", "tool")):
+                rows.append(StampedTransform(above, f"r{number}/{part}", now_ns, pose))
+                above = f"r{number}/{part}"
+                bend = 0.7 * math.sin(2 * t + at + number)
+                pose = Transform.from_rpy(0, bend, 0, (0, 0, 0.5))
+        tf.set_transforms_xact(rows, "arms")
 
 
 @contextlib.contextmanager
@@ -214,10 +240,10 @@ def shown(page: Page, *args: object) -> Iterator[None]:
         assert process.stdout is not None
         line = next(line for line in process.stdout if line.startswith("showing"))
         page.goto(line.split(" at ")[1].split()[0])
-        page.get_by_text(" moving").first.wait_for()
-        page.wait_for_timeout(8000)  # until it is drawn, and no longer pale
+        page.get_by_text(" moving").first.wait_for(state="attached")
+        page.wait_for_timeout(16_000)  # until it is drawn, with its names
         for note in page.locator(".mantine-Notification-closeButton").all():
-            note.click(force=True)  # that there is no graphics processor
+            note.evaluate("button => button.click()")  # that there is no graphics processor
         yield
     finally:
         process.terminate()
@@ -244,13 +270,14 @@ def photograph(page: Page, name: str) -> None:
 
 def save(picture: Image.Image, name: str) -> None:
     """Write docs/figures/NAME, in 256 colours."""
-    colours = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    method = Image.Quantize.MAXCOVERAGE  # keeps colours that few pixels have, such as of axes
+    colours = picture.convert("RGB").quantize(256, method, dither=Image.Dither.NONE)
     colours.save(FIGURES / name, optimize=True)
     print(FIGURES / name, flush=True)
 
 
-def draw(page: Page, folder: Path) -> None:
-    """Draw all pictures of the page."""
+def draw(page: Page, phone: Page, folder: Path) -> None:
+    """Draw all pictures of the page, on a desk and on a phone."""
     wheels = "".join(WHEEL.format(x=x, y=y) for x in (-0.4, 0.4) for y in (-0.45, 0.45))
     cart = folder / "cart.urdf"
     cart.write_text(CART.format(wheels=wheels))
@@ -259,11 +286,19 @@ def draw(page: Page, folder: Path) -> None:
     with shown(page, folder / "robot.mcap", "--at", "+8s", *shapes):
         choose(page, "frame", "wrist")
         photograph(page, "view.png")
-    robot(folder / "cup.mcap", cup=True)
+        press(page, "go to frame")
+        photograph(page, "view-near.png")
+    with shown(phone, folder / "robot.mcap", "--at", "+8s", *shapes):
+        photograph(phone, "view-phone.png")
+        press(phone, "zenoh-tf")
+        photograph(phone, "view-phone-panel.png")
+    robot(folder / "cup.mcap", cup=True, late_s=3.0)
     with shown(page, folder / "cup.mcap", "--at", "+8s", *shapes):
         press(page, "faults")
         photograph(page, "view-faults.png")
-    with driving() as endpoint:
+    with shown(page, folder / "cup.mcap", "--at", "+1s"):
+        photograph(page, "view-not-yet.png")
+    with serving(localise) as endpoint:
         live = ("--connect", endpoint, "--fixed", "map", "--trail", "3s", "--urdf", cart)
         with shown(page, *live):
             choose(page, "frame", "lidar")
@@ -271,6 +306,11 @@ def draw(page: Page, folder: Path) -> None:
             page.get_by_text("the camera follows").wait_for()
             press(page, "go to frame")
             photograph(page, "view-estimate.png")
+    with serving(swing) as endpoint, shown(page, "--connect", endpoint, "--trail", "2s"):
+        page.wait_for_timeout(8000)
+        photograph(page, "view-live.png")
+        page.get_by_label("live").first.click(force=True)
+        photograph(page, "view-paused.png")
     fleet(folder / "fleet.mcap")
     with shown(page, folder / "fleet.mcap", "--at", "+3s"):
         press(page, "frames")
@@ -285,9 +325,10 @@ def main() -> None:
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
         browser = playwright.chromium.launch(executable_path=chromium, args=SOFTWARE)
         window: Any = WINDOW
-        page = browser.new_page(viewport=window)
-        page.set_default_timeout(120_000)
-        draw(page, Path(folder))
+        page, phone = browser.new_page(viewport=window), browser.new_page(**PHONE)
+        for each in (page, phone):
+            each.set_default_timeout(120_000)
+        draw(page, phone, Path(folder))
         browser.close()
 
 

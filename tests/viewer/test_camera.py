@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from zenoh_tf_tools.viewer.camera import Camera, axes_m, fit, grid_cell_m
+from zenoh_tf_tools.viewer.camera import Camera, axes_m, fit, grid_cell_m, looking
+from zenoh_tf_tools.viewer.cameras import Cameras
 
 ROBOT = np.random.default_rng(7).uniform(-0.3, 0.3, (30, 3))
 
@@ -66,3 +70,25 @@ def test_axes_fit_the_links_and_the_zoom() -> None:
 @pytest.mark.parametrize(("size", "cell"), [(2, 1), (15, 1), (40, 10), (0.5, 0.1), (0, 0.0001)])
 def test_the_grid(size: float, cell: float) -> None:
     assert grid_cell_m(size) == pytest.approx(cell)
+
+
+def test_a_new_browser_gets_a_camera_for_its_window() -> None:
+    """It begins with that of a wide one; not one that a person chose, or that was moved."""
+    points = np.array([[-5.0, 0, 0], [5, 0, 0], [0, 5, 0], [0, -5, 0]])
+    browsers: dict[int, Any] = {}
+    server: Any = SimpleNamespace(initial_camera=SimpleNamespace(), get_clients=lambda: browsers)
+    cameras = Cameras(server)
+    cameras.show(points)
+    first = server.initial_camera
+    for number, position in enumerate((first.position, first.position + 1)):
+        size = {"image_width": 390, "image_height": 844, "wxyz": (1, 0, 0, 0)}
+        camera = SimpleNamespace(position=position, look_at=first.look_at, **size)
+        browsers[number] = SimpleNamespace(camera=camera)
+    cameras.welcome()
+    fitted, chosen = browsers[0].camera, browsers[1].camera
+    for camera, is_seen in ((fitted, True), (chosen, False)):
+        _, inside = looking(camera.position, camera.look_at, window(390, 844)).project(points)
+        assert inside.all() == is_seen
+    fitted.position = first.position  # by a person
+    cameras.welcome()
+    np.testing.assert_array_equal(fitted.position, first.position)

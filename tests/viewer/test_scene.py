@@ -119,6 +119,11 @@ def test_a_robots_shapes(viser_server: Any, tree: Tree, tmp_path: Path) -> None:
         assert viewer.models._nodes == {}
 
 
+def test_the_colours_of_instances() -> None:
+    """Black, white, and half of sRGB, which is a fifth of the light."""
+    np.testing.assert_array_equal(scene.linear((0, 1, 0.5)), (0, 255, 55))
+
+
 def test_any_name(viewer: Viewer, tree: Tree) -> None:
     """A slash in a node's name would make it another one's child."""
     names = ["robot", "robot/arm", "robot%2Farm", "robot//arm", "..", "a b", "\u00e4\u202e"]

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from trimesh.creation import cylinder, icosphere
 
 from zenoh_tf import Estimate, Transform
-from zenoh_tf_tools.viewer.scene import Node
+from zenoh_tf_tools.viewer.scene import Node, linear
 
 _WXYZ: Final = [6, 3, 4, 5]
 #: The axes' colours, and how they and the ball let light through.
 _COLOURS: Final = np.array([(200, 0, 0), (0, 130, 0), (0, 0, 200)], np.uint8)
 _PALE: Final = 0.5
-_BALL: Final = (220, 90, 0)
+_BALL: Final = linear((220 / 255, 90 / 255, 0))
 _BALL_PALE: Final = 0.35
 #: They turn z into x, into y, and not at all.
 _TURNS: Final = (

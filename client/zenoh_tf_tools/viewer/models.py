@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from zenoh_tf import Transform
 from zenoh_tf.urdf.visuals import Mesh, Shape, Solid, Visual
 from zenoh_tf_tools.viewer.placement import Placement, array_of
-from zenoh_tf_tools.viewer.scene import Node
+from zenoh_tf_tools.viewer.scene import Node, linear
 
 _WXYZ: Final = [6, 3, 4, 5]
 _GREY: Final = (0.75, 0.76, 0.8)
@@ -105,7 +105,7 @@ class Models:
                 model.vertices,
                 model.faces,
                 **where,
-                batched_colors=model.colour,
+                batched_colors=linear(model.colour),
                 flat_shading=True,
                 side="double",
                 lod="off",

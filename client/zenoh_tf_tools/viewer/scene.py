@@ -16,7 +16,7 @@ Coordinates are those of the fixed frame, less the scene's origin in 64 bits: th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -96,6 +96,14 @@ def colour_of(link: ViewedLink, stale_after_s: float, faulty: bool = False) -> C
     if link.is_awaited:
         return AWAITED
     return STATIC if link.age_s is None else FRESH
+
+
+def linear(colour: Sequence[float]) -> NDArray[np.uint8]:
+    """Return what the browser must be given to draw instances in a colour of parts from 0 to 1:
+    it takes their colours as linear, those of other meshes as sRGB."""
+    parts = np.array(colour)
+    parts = np.where(parts > 0.04045, ((parts + 0.055) / 1.055) ** 2.4, parts / 12.92)
+    return np.round(255 * parts).astype(np.uint8)
 
 
 class Node:
@@ -246,7 +254,7 @@ class Scene:
         turns = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
         places, sizes = np.zeros((count, 3), np.float32), np.ones(count, np.float32)
         axes = self._scene.add_batched_axes(
-            "/axes", turns, places, sizes, axes_length=1.0, axes_radius=0.045
+            "/axes", turns, places, sizes, axes_length=1.0, axes_radius=0.035
         )
         ball = icosphere(subdivisions=1)
         origins = self._scene.add_batched_meshes_simple(

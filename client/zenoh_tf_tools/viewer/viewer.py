@@ -35,11 +35,16 @@ from zenoh_tf_tools.viewer.scene import SELECTED_AXES, Look, Scene
 from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 from zenoh_tf_tools.viewer.trails import trails_of
 
-#: Folds the panel once, where it lies over the scene: in a narrow window.
-_FOLD: Final = """
-const handle = document.querySelector('[style*="cursor: pointer"][style*="height: 3.5em"]');
-if (handle !== null && !window.zenohTfFolded) handle.click();
-window.zenohTfFolded = true;
+#: Run once in each page. The panel is folded where it lies over the scene, in a narrow window; and
+#: the scene does not fade in: a slow browser takes ten seconds for it.
+_PAGE: Final = """
+if (!window.zenohTf) {
+  window.zenohTf = true;
+  document.querySelector('[style*="cursor: pointer"][style*="height: 3.5em"]')?.click();
+  const style = document.createElement("style");
+  style.textContent = "canvas { opacity: 1 !important }";
+  document.head.append(style);
+}
 """
 _PERIOD_S: Final = 0.05
 #: Without a browser: only often enough that a new browser finds the frames.
@@ -93,8 +98,8 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     # of a page that a browser has opened may begin that.
     # Shadows made pictures three times as slow in a browser that draws in software.
     server.scene.configure_default_lights(cast_shadow=False)
-    # viser opens its panel over the lower half of a telephone, and has no option for it.
-    server.gui._websock_interface.queue_message(RunJavascriptMessage(_FOLD))
+    # viser has no options for what this does.
+    server.gui._websock_interface.queue_message(RunJavascriptMessage(_PAGE))
     server.gui.configure_theme(show_share_button=False, show_logo=False, control_width="medium")
     server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
     return server
