@@ -15,6 +15,8 @@ from zenoh_tf.points import output_like, readable, real_numbers
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    import pandas
+    import pyarrow
     from numpy.typing import ArrayLike, NDArray
 
     Names = str | Sequence[str] | None
@@ -181,6 +183,50 @@ class TransformArray:
             return NotImplemented
         poses = other.apply_poses(self.poses)
         return TransformArray(self.status, self.stamps_ns, poses, None, self.sources, self.gaps_ns)
+
+    def matrices(self) -> NDArray[np.float64]:
+        """Return the homogeneous matrices: (n, 4, 4) float64, metres; NaN in rows that failed."""
+        x, y, z, w = self.rotations.T
+        found = np.zeros((len(self), 4, 4))
+        found[:, :3, 3] = self.translations
+        found[:, 3, 3] = 1 + 0 * w  # NaN if the row failed
+        found[:, 0, 0], found[:, 1, 1] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
+        found[:, 2, 2] = 1 - 2 * (x * x + y * y)
+        for row, column, a, b in ((0, 1, x * y, z * w), (2, 0, x * z, y * w), (1, 2, y * z, x * w)):
+            found[:, row, column], found[:, column, row] = 2 * (a - b), 2 * (a + b)
+        return found
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return `matrices()` to NumPy: `numpy.asarray(array)`."""
+        if copy is False:
+            raise ValueError("a TransformArray gives no array without a copy: use poses")
+        return self.matrices().astype(dtype or np.float64, copy=False)
+
+    def to_arrow(self) -> pyarrow.Table:
+        """Return a table of Arrow, a row for each of this array's.
+
+        Columns: target and source (text, or null), stamp (nanoseconds since 1970, UTC), x, y, z in
+        metres, qx, qy, qz, qw (null where the row failed), gap_ns, and error: the name of its
+        class, or null. `to_arrow().column("stamp").cast("int64")` is `stamps_ns`.
+
+        Raises:
+            ImportError: pyarrow is not installed: `pip install 'zenoh-tf[arrow]'`.
+        """
+        from zenoh_tf.arrow import to_table  # noqa: PLC0415 - an optional extra
+
+        return to_table(self)
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        """Arrow's protocol, as of `to_arrow`: `polars.DataFrame(array)` copies nothing else."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the table of `to_arrow` as a data frame of pandas.
+
+        Raises:
+            ImportError: pyarrow or pandas is not installed.
+        """
+        return self.to_arrow().to_pandas()
 
     def __len__(self) -> int:
         return len(self.status)

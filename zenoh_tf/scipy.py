@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from zenoh_tf import Transform, TransformArray
 
 try:
@@ -22,11 +24,16 @@ except ImportError as error:
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["from_rigid_transform", "from_rotation", "to_rigid_transform", "to_rotation"]
+__all__ = [
+    "array_from_rigid_transform",
+    "from_rigid_transform",
+    "from_rotation",
+    "to_rigid_transform",
+    "to_rotation",
+]
 
 
 def to_rotation(transforms: Transform | TransformArray) -> Rotation:
@@ -94,3 +101,18 @@ def from_rigid_transform(transform: RigidTransform) -> Transform:
     """
     translation, rotation = transform.as_components()
     return from_rotation(rotation, translation)
+
+
+def array_from_rigid_transform(
+    transforms: RigidTransform, stamps_ns: ArrayLike = 0
+) -> TransformArray:
+    """Return an array of a stack, the inverse of `to_rigid_transform`.
+
+    Args:
+        transforms: (n,) transforms, metres.
+        stamps_ns: (n,) their times in nanoseconds, or one for all.
+    """
+    translations, rotations = transforms.as_components()
+    poses = np.hstack([np.atleast_2d(translations), np.atleast_2d(rotations.as_quat())])
+    stamps = np.broadcast_to(np.asarray(stamps_ns, np.int64), len(poses)).copy()
+    return TransformArray(np.zeros(len(poses), np.uint8), stamps, poses)

@@ -26,6 +26,8 @@ EXTRAS = {
     "mcap": "zenoh_tf",
     "rclpy": "zenoh_tf",
     "rosbags": "zenoh_tf",
+    "pandas": "zenoh_tf",
+    "pyarrow": "zenoh_tf",
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_tools",
     "tf2_msgs": "zenoh_tf",

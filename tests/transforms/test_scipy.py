@@ -18,6 +18,7 @@ from zenoh_tf import (
 
 spatial: Any = pytest.importorskip("scipy.spatial.transform", reason="SciPy is not installed")
 from zenoh_tf.scipy import (  # noqa: E402 - only where SciPy is
+    array_from_rigid_transform,
     from_rigid_transform,
     from_rotation,
     to_rigid_transform,
@@ -142,3 +143,13 @@ def test_without_scipy_or_with_an_old_one(code: str, complaint: str) -> None:
     last = run.stderr.strip().splitlines()[-1]
     assert last.startswith("ImportError: ")
     assert complaint in last
+
+
+@rigid
+def test_a_stack_comes_back() -> None:
+    poses = [Transform.from_rpy(0.1 * i, -0.2, 1.0, (i, 2 * i, -i)) for i in range(5)]
+    given = TransformArray(np.zeros(5, np.uint8), np.arange(5), np.array([X.pose() for X in poses]))
+    found = array_from_rigid_transform(to_rigid_transform(given), given.stamps_ns)
+    np.testing.assert_array_equal(found.stamps_ns, given.stamps_ns)
+    np.testing.assert_allclose(np.asarray(found), np.asarray(given), atol=1e-12)
+    assert len(array_from_rigid_transform(to_rigid_transform(poses[0]))) == 1

@@ -105,6 +105,8 @@ class Transform:
         """
     def matrix(self) -> NDArray[np.float64]:
         """Return the homogeneous matrix: (4, 4) float64, row-major, translation in metres."""
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return `matrix()` to NumPy: `numpy.asarray(X)`."""
     def inverse(self) -> Transform:
         """Return `X_ba` of this `X_ab`. The rotation must be of unit length."""
     def apply(self, points: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:

@@ -155,6 +155,14 @@ nb::object matrix(const Pose& p) {
   return make_array<double>({4, 4}, [&](double* d) { matrix_of(p, d); });
 }
 
+// NumPy's protocol: numpy.asarray(X) is the matrix.
+nb::object as_array(const Pose& p, nb::handle dtype, nb::handle copy) {
+  if (copy.is(nb::handle(Py_False)))
+    throw nb::value_error("a Transform gives no array without a copy");
+  const nb::object found = matrix(p);
+  return dtype.is_none() ? found : found.attr("astype")(dtype);
+}
+
 Pose product(const Pose& a, const Pose& b) { return a * b; }
 
 void bind_constructors(nb::class_<Pose>& transform) {
@@ -189,6 +197,8 @@ void bind_parts(nb::class_<Pose>& transform) {
       .def(
           "pose", [](const Pose& p) { return numbers(&p.x, 7); }, ZTF_DOC(Transform_pose))
       .def("rpy", &rpy, ZTF_DOC(Transform_rpy))
+      .def("__array__", &as_array, ZTF_DOC(Transform_array), nb::arg("dtype") = nb::none(),
+           nb::arg("copy") = nb::none())
       .def("matrix", &matrix, ZTF_DOC(Transform_matrix))
       .def("inverse", [](const Pose& p) { return inverse(p); }, ZTF_DOC(Transform_inverse));
 }
