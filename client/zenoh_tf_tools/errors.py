@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
+from zenoh_tf.text.extras import pip_install
+
 #: The exit code of a command whose answer is that something is wrong.
 FAULT_FOUND: Final = 3
 
@@ -24,5 +26,5 @@ def extra(name: str, module: str) -> Iterator[None]:
             raise
         raise CommandError(
             f"this command needs {module}, which is not installed; install it with: "
-            f"pip install 'zenoh-tf[{name}]'"
+            f"{pip_install(name)}"
         ) from error

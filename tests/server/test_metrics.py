@@ -223,7 +223,8 @@ def test_a_port_in_use_is_said_in_a_line(server: ServerProcess) -> None:
 def test_a_missing_prometheus_client_is_said_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "prometheus_client.py").write_text("raise ImportError('not here')\n")
     assert refused("--metrics", "127.0.0.1:0", PYTHONPATH=str(tmp_path)) == (
-        "zenoh-tf-server: --metrics needs prometheus-client: pip install zenoh-tf[metrics]"
+        "zenoh-tf-server: --metrics needs prometheus-client: "
+        "pip install 'zenoh-tf[metrics]', or in a checkout: pip install '.[metrics]'"
     )
 
 

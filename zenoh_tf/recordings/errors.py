@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from zenoh_tf.text.extras import pip_install
+
 
 class RecordingError(Exception):
     """A recording cannot be read, or has no transforms. The message begins with its path."""
@@ -11,5 +13,5 @@ def missing_library(error: ImportError) -> RecordingError:
     """The error for a library of the extra that cannot be imported."""
     return RecordingError(
         f"recordings need a library that cannot be imported ({error}); install it with: "
-        "pip install 'zenoh-tf[recordings]'"
+        f"{pip_install('recordings')}"
     )

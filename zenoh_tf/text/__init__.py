@@ -2,7 +2,8 @@
 
 `escapes` shows what others have chosen, `times` stamps and ages. `time_flags` reads the times and
 durations of flags, `flag_values` their numbers. `similar` finds the name that was probably meant,
-`stamp_units` the unit that a stamp is in by mistake. Imports nothing of the library but `_core`.
+`stamp_units` the unit that a stamp is in by mistake. `extras` says how an extra is installed.
+Imports nothing of the library but `_core`.
 """
 
 from zenoh_tf.text.escapes import cut as cut

@@ -24,6 +24,7 @@ from zenoh_tf._net import keys
 from zenoh_tf.errors import LimitExceeded, ProtocolError
 from zenoh_tf.formats.rows import Decode
 from zenoh_tf.text import quoted
+from zenoh_tf.text.extras import pip_install
 
 from ..limits import Limits
 from .ingest import Ingest
@@ -64,7 +65,7 @@ def parse(text: str) -> ForeignKey:
     except ImportError as error:
         raise argparse.ArgumentTypeError(
             f"the format {name} needs a library that cannot be imported ({error}); install it "
-            "with: pip install 'zenoh-tf[recordings]'"
+            f"with: {pip_install('recordings')}"
         ) from error
     return ForeignKey(key, name)
 

@@ -18,6 +18,7 @@ from zenoh_tf import admission
 from zenoh_tf.introspection import metric_table
 from zenoh_tf.introspection.metric_table import FROM_AUTHORITIES, FROM_ROBOTS, FROM_STATS, Metric
 from zenoh_tf.text import cut, printable
+from zenoh_tf.text.extras import pip_install
 
 from ..requests.counters import OK, buckets
 from ..transport.running_server import RunningServer
@@ -48,7 +49,7 @@ class Metrics:
             from prometheus_client import metrics_core  # noqa: PLC0415
         except ImportError as error:
             raise MetricsMissing(
-                "--metrics needs prometheus-client: pip install zenoh-tf[metrics]"
+                f"--metrics needs prometheus-client: {pip_install('metrics')}"
             ) from error
         self._families: Any = metrics_core
         self._generate: Callable[[Any], bytes] = prometheus_client.generate_latest
