@@ -83,7 +83,8 @@ def test_wrong_positions_store_nothing() -> None:
     fixed = reader.read(ARM).of_kind("fixed")[0].name
     for given, field, words in (
         ({"elbow": math.nan}, "elbow", "the position of joint 'elbow' is nan"),
-        ({"elbow": 1.0, "elbo": 1.0}, "elbo", "robot 'arm' has no joint 'elbo'"),
+        ({"elbow": 1.0, "elbo": 1.0}, "elbo", "no joint 'elbo'; did you mean 'elbow'\\?$"),
+        ({"xyz": 1.0}, "xyz", "robot 'arm' has no joint 'xyz'$"),
         ({fixed: 1.0}, fixed, f"joint '{fixed}' does not move: it is fixed"),
     ):
         with pytest.raises(InvalidArgumentException, match=words) as caught:

@@ -162,7 +162,9 @@ class Urdf:
                 why = f"joint {quoted(name)} does not move: it is {known[name]}"
             else:
                 names = [joint.name for joint in self._moves.joints]
-                why = f"{self._label()} has no joint {quoted(name)}{did_you_mean(name, names)}"
+                why = f"{self._label()} has no joint {quoted(name)}"
+                if question := did_you_mean(name, names):
+                    why += f"; {question}"
             raise InvalidArgumentException(why, field=name)
         if not math.isfinite(position):
             raise InvalidArgumentException(
