@@ -16,6 +16,7 @@ from typing import Any
 from tests.conftest import StartServer
 from tests.processes import forks
 from tests.processes.ports import free_port
+from tests.support.command_line import shape
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = re.findall(r"```(sh|text)\n(.*?)```", (ROOT / "docs/tutorial/README.md").read_text(), re.S)
@@ -43,7 +44,7 @@ def test_each_command_runs_and_prints_what_the_page_shows(
     try:
         for kind, text in BLOCKS:
             if kind == "text":
-                assert _shape(printed) == _shape(text)
+                assert shape(printed) == shape(text)
                 shown += 1
                 continue
             for line in text.splitlines():
@@ -101,10 +102,3 @@ def _see_the_page(arguments: list[str], environment: dict[str, str]) -> None:
                 assert b"<html" in reply.read(100_000)
         finally:
             process.kill()
-
-
-def _shape(output: str) -> list[list[str]]:
-    """The words of each line; numbers and the width of columns do not count."""
-    output = re.sub(r"-?\d+\.?\d*(e-?\d+)?", "0", output)
-    output = re.sub(r"0 (ms|us|s) ago", "0 s ago", re.sub(r"[\[\]]", " ", output))
-    return [line.split() for line in output.splitlines()]

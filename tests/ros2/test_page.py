@@ -1,4 +1,4 @@
-"""docs/how-to/ros2.md, the demo and the compose file do what they say."""
+"""docs/tutorial/ros2.md, the demo and the compose file do what they say."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from zenoh_tf_server import flags
 from .conftest import position
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/how-to/ros2.md").read_text()
+PAGE = (ROOT / "docs/tutorial/ros2.md").read_text()
 LINES = [
     line
     for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
@@ -38,7 +38,7 @@ FLAGS = tuple(shlex.split(_SERVER.partition("--listen")[0])[1:])
 
 
 def test_the_first_five_minutes(server: ServerProcess) -> None:
-    robot_line, *questions = [line for line in LINES if line.startswith(("python", "zenoh-tf "))]
+    robot_line, *questions = [line for line in LINES if line.startswith(("python ", "zenoh-tf "))]
     _, script = shlex.split(robot_line)
     with start(str(ROOT / script), "--connect", server.endpoint) as robot:
         try:
@@ -56,7 +56,8 @@ def test_the_first_five_minutes(server: ServerProcess) -> None:
     assert robot.returncode == 0 and errors == ""
     assert "ros2:0/robot" in found["zenoh-tf authorities"]
     assert "base_link" in found["zenoh-tf frames"]
-    assert "laser in odom" in found["zenoh-tf lookup odom laser"]
+    (shown,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+    assert command_line.shape(found["zenoh-tf lookup odom laser"]) == command_line.shape(shown)
 
 
 def test_the_demo() -> None:

@@ -84,3 +84,10 @@ def documented(page: Path, name: str) -> list[str]:
     on_page, in_help = (re.findall(pattern, text, re.M) for text in (page.read_text(), epilog))
     assert on_page and in_help
     return sorted({*on_page, *in_help})
+
+
+def shape(output: str) -> list[list[str]]:
+    """The words of each line; numbers and the width of columns do not count."""
+    output = re.sub(r"-?\d+\.?\d*(e-?\d+)?", "0", output)
+    output = re.sub(r"0 (ms|us|s) ago", "0 s ago", re.sub(r"[\[\]]", " ", output))
+    return [line.split() for line in output.splitlines()]
