@@ -10,7 +10,7 @@ from zenoh_tf.introspection import metric_table
 from zenoh_tf_server import flags, limits
 from zenoh_tf_tools.doctor import __main__ as doctor
 
-from .. import sync_client
+from .. import api_names, sync_client
 from .repository import Repository, Violation
 
 
@@ -31,6 +31,7 @@ def made_pages(repository: Repository) -> Iterator[Violation]:
         ("docs/reference/server.md", list(flags.page()), "zenoh_tf_server.flags"),
         ("docs/reference/metrics.md", list(metric_table.table()), metrics),
         ("docs/reference/doctor.md", list(doctor.page()), "zenoh_tf_tools.doctor"),
+        ("docs/reference/api/README.md", list(api_names.table()), "scripts.api_names"),
         ("tests/faults.md", list(fault_page.page()), "tests.mutation.fault_page"),
     ):
         is_table = made[0].startswith("|")
