@@ -16,25 +16,26 @@ from .repository import Repository, Violation
 CORE = "zenoh_tf/core/"
 #: Each folder, or file at the root, with what it may include beside itself.
 MAY_INCLUDE: dict[str, tuple[str, ...]] = {
+    "system": (),
     "base": (),
     "geometry": ("base",),
-    "records": ("base", "geometry"),
+    "records": ("system", "base", "geometry"),
     "histories": ("geometry", "records"),
     "names": ("base", "records"),
     "reads": ("base", "geometry", "records", "histories"),
     "estimates": ("base", "geometry", "reads"),
-    "waiting": ("base", "records", "reads"),
-    "tree_state.hpp": ("base", "records", "names", "reads", "waiting"),
-    "tree_state.cpp": ("base", "tree_state.hpp"),
+    "waiting": ("system", "base", "records", "reads"),
+    "tree_state.hpp": ("system", "base", "records", "names", "reads", "waiting"),
+    "tree_state.cpp": ("system", "tree_state.hpp"),
     "modes": ("base", "tree_state.hpp"),
-    "shared": ("base", "records", "reads", "estimates", "tree_state.hpp"),
-    "lookups": ("base", "reads", "estimates", "tree_state.hpp", "modes", "shared"),
-    "commits": ("base", "records", "histories", "tree_state.hpp", "modes"),
+    "shared": ("system", "base", "records", "reads", "estimates", "tree_state.hpp"),
+    "lookups": ("system", "base", "reads", "estimates", "tree_state.hpp", "modes", "shared"),
+    "commits": ("system", "base", "records", "histories", "tree_state.hpp", "modes"),
     "messages": ("geometry", "reads", "commits"),
     "replication": ("base", "records", "histories", "tree_state.hpp", "commits", "messages"),
     "tree.hpp": ("estimates", "tree_state.hpp", "lookups", "commits"),
     "tree.cpp": ("tree.hpp",),
-    "by_name": ("base", "names", "reads", "shared", "tree.hpp"),
+    "by_name": ("system", "base", "names", "reads", "shared", "tree.hpp"),
 }
 #: Files that include one of a folder above theirs, and why.
 EXCEPTIONS = {

@@ -16,9 +16,9 @@
 #include <utility>
 #include <vector>
 
-#include "base/host.hpp"
 #include "c_api/calls.hpp"
 #include "c_api/message_map.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

@@ -1,6 +1,6 @@
 #include "c_api/server_tree.hpp"
 
-#include "base/host.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

@@ -9,11 +9,11 @@
 #include <unordered_map>
 #include <vector>
 
-#include "base/host.hpp"
 #include "base/rejected.hpp"
 #include "c_api/calls.hpp"
 #include "c_api/message_map.hpp"
 #include "messages/writer.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

@@ -10,12 +10,12 @@
 #include <thread>
 #include <vector>
 
-#include "base/host.hpp"
 #include "base/small_vector.hpp"
 #include "by_name/errors.hpp"
 #include "by_name/lookup.hpp"
 #include "c_api/calls.hpp"
 #include "reads/sample_block.hpp"
+#include "system/host.hpp"
 
 namespace ztf::c_api {
 

@@ -1,7 +1,7 @@
 // How a tree's state begins, its lease, and what removed frames leave.
 #include "tree_state.hpp"
 
-#include "base/host.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 
@@ -42,7 +42,7 @@ void TreeState::begin_lease(std::int64_t duration_ns) noexcept {
 }
 
 void TreeState::begin_startup(Startup startup) noexcept {
-  const std::int64_t now = clock_ns(CLOCK_MONOTONIC_COARSE);
+  const std::int64_t now = coarse_monotonic_ns();
   region.header().started_ns.store(now - startup.elapsed_ns, std::memory_order_relaxed);
   region.header().starting_until_ns.store(now + startup.left_ns, std::memory_order_release);
 }

@@ -51,7 +51,6 @@
 #include <string>
 
 #include "base/options.hpp"
-#include "base/zeroed_array.hpp"
 #include "names/table.hpp"
 #include "reads/frame_reads.hpp"
 #include "records/change_log.hpp"
@@ -60,6 +59,7 @@
 #include "records/frame_info.hpp"
 #include "records/layout.hpp"
 #include "records/region.hpp"
+#include "system/zeroed_array.hpp"
 #include "waiting/wait_list.hpp"
 
 namespace ztf {

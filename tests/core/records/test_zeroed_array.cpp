@@ -4,8 +4,8 @@
 
 #include <vector>
 
-#include "base/zeroed_array.hpp"
 #include "check.hpp"
+#include "system/zeroed_array.hpp"
 
 using namespace ztf;
 

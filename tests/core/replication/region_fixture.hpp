@@ -3,9 +3,9 @@
 // Thread safety: as the tree's.
 #pragma once
 
-#include "base/host.hpp"
 #include "fixture.hpp"
 #include "shared/shared_tree.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

@@ -2,9 +2,9 @@
 //
 // GIL: many rows release it, once for all that is done row by row, so that other threads wait for
 // none of it. Errors are made after, under it.
-#include "base/host.hpp"
 #include "bindings/reads/answer_columns.hpp"
 #include "records/versions.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

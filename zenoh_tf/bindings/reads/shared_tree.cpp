@@ -1,10 +1,10 @@
 // SharedTree: the base class of zenoh_tf.shared_tree.SharedTree. LeaseKeeper, for the tree's owner.
 //
 // GIL: as in tree.cpp.
-#include "base/host.hpp"
 #include "bindings/bindings.hpp"
 #include "records/layout.hpp"
 #include "shared/lease.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

@@ -1,7 +1,7 @@
 // StampedTransform and LatestTransform: answers of lookups, arguments of sets.
-#include "base/host.hpp"
 #include "bindings/transforms/transform.hpp"
 #include "by_name/stamp_units.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

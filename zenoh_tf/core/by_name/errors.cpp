@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "base/host.hpp"
 #include "by_name/similar.hpp"
 #include "by_name/stamp_units.hpp"
 #include "shared/shared_tree.hpp"
+#include "system/host.hpp"
 #include "tree.hpp"
 
 namespace ztf {

@@ -3,8 +3,8 @@
 #include <new>
 #include <utility>
 
-#include "base/host.hpp"
 #include "base/rejected.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

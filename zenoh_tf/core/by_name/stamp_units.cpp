@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <utility>
 
-#include "base/host.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

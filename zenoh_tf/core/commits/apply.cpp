@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/host.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

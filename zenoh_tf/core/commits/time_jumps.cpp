@@ -5,8 +5,8 @@
 // stored changes the frame's version, which ends the run.
 #include <algorithm>
 
-#include "base/host.hpp"
 #include "commits/plan.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

@@ -3,14 +3,13 @@
 // Thread safety: functions of their arguments, and of the clock.
 #pragma once
 
-#include <time.h>
-
 #include <cmath>
 #include <string>
 
 #include "base/options.hpp"
 #include "base/rejected.hpp"
 #include "commits/request.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 
@@ -127,9 +126,7 @@ inline Rejected future_stamp_rejection(const CommitRequest& request, const Row& 
 // Throws Rejected if a write that expires at this time is too late now.
 inline void check_not_expired(std::int64_t expires_ns) {
   if (expires_ns == kNeverExpires) return;
-  timespec time{};
-  (void)::clock_gettime(CLOCK_MONOTONIC, &time);
-  const std::int64_t now = std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  const std::int64_t now = monotonic_ns();
   if (now < expires_ns) return;
   throw Rejected{.code = Code::timeout,
                  .message = "the write was not applied: it expired " +

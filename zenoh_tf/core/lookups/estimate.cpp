@@ -1,11 +1,11 @@
 // Estimates: reading the path, and its history if the backtests of the question are not kept.
-#include "base/host.hpp"
 #include "base/long_wait.hpp"
 #include "estimates/cache.hpp"
 #include "estimates/conclude.hpp"
 #include "estimates/limits.hpp"
 #include "lookups/transaction.hpp"
 #include "shared/transaction.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 

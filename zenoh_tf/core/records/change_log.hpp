@@ -27,8 +27,8 @@
 #include <vector>
 
 #include "base/yield_point.hpp"
-#include "base/zeroed_array.hpp"
 #include "records/frame.hpp"
+#include "system/zeroed_array.hpp"
 
 namespace ztf {
 

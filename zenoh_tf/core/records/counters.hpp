@@ -14,7 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "base/zeroed_array.hpp"
+#include "system/zeroed_array.hpp"
 
 namespace ztf {
 

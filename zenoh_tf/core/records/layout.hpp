@@ -33,9 +33,9 @@
 #include <cstdint>
 #include <initializer_list>
 
-#include "base/host.hpp"
 #include "names/reader.hpp"
 #include "records/frame_info.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 
@@ -78,7 +78,7 @@ struct Startup {
   [[nodiscard]] bool is_over() const noexcept { return left_ns <= 0; }
 };
 [[nodiscard]] inline Startup startup_of(const RegionHeader& header) noexcept {
-  const std::int64_t now_ns = clock_ns(CLOCK_MONOTONIC_COARSE);
+  const std::int64_t now_ns = coarse_monotonic_ns();
   return {now_ns - header.started_ns.load(std::memory_order_relaxed),
           header.starting_until_ns.load(std::memory_order_acquire) - now_ns};
 }

@@ -1,25 +1,15 @@
-// The region's arrays, its header, and its file.
+// The region's arrays and its header. For its file see system/memory_file.hpp.
 #include "records/region.hpp"
-
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstring>
 #include <new>
 #include <system_error>
 
-#include "base/host.hpp"
 #include "base/long_wait.hpp"
 #include "base/rejected.hpp"
 #include "records/layout.hpp"
-
-#if defined(__linux__)
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-
-#include <cerrno>
-#endif
+#include "system/host.hpp"
 
 namespace ztf {
 
@@ -52,26 +42,11 @@ std::uint64_t region_bytes(const Options& options) {
   const std::uint64_t names = std::uint64_t{options.max_ids()} + options.max_authorities + 2;
   const std::uint64_t tables = names * 16 * sizeof(NameWord);
   const std::uint64_t texts = names * 4 * options.max_name_bytes;
-  const auto memory = static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) *
-                      static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
-  const std::uint64_t rings = options.max_memory_bytes != 0 ? options.max_memory_bytes : memory;
+  const std::uint64_t rings =
+      options.max_memory_bytes != 0 ? options.max_memory_bytes : physical_memory_bytes();
   return round_up(array_bytes(options) + tables + texts + 2 * rings + (std::uint64_t{1} << 26),
                   kStep);
 }
-
-#if defined(__linux__)
-// Where the kernel's headers are older than the kernel.
-#ifndef F_SEAL_FUTURE_WRITE
-#define F_SEAL_FUTURE_WRITE 0x0010
-#endif
-#ifndef MFD_NOEXEC_SEAL
-#define MFD_NOEXEC_SEAL 0x0008U
-#endif
-
-[[noreturn]] void fail(const char* what) {
-  throw std::system_error(errno, std::generic_category(), what);
-}
-#endif
 
 }  // namespace
 
@@ -82,29 +57,29 @@ T* Region::make_array(std::size_t size) {
 }
 
 Region::Region(const Options& options) : max_ids_(options.max_ids()) {
-  try {
-    if (options.shared) {
-      map_region(region_bytes(options), array_bytes(options));
-      header_ = reinterpret_cast<RegionHeader*>(region_);
-      header_->used.store(kHeaderBytes, std::memory_order_release);
-    } else {
-      header_ = make_array<RegionHeader>(1);
-    }
-    frames_ = make_array<Frame>(std::size_t{options.max_ids()} + 1);
-    events_ = make_array<FrameEvents>(std::size_t{options.max_ids()} + 1);
-    names_ = make_array<NameEntry>(std::size_t{options.max_ids()} + 1);
-    authorities_ = make_array<NameEntry>(std::size_t{options.max_authorities} + 1);
-    if (region_) {
-      fill_header(options);
-      allocate_first_pages();
-    }
-  } catch (...) {
-    unmap_region();
-    throw;
+  if (options.shared) {
+    bytes_ = region_bytes(options);
+    file_bytes_ = array_bytes(options);
+    region_ = file_.emplace(bytes_, file_bytes_, kHeaderBytes).begin();
+    header_ = reinterpret_cast<RegionHeader*>(region_);
+    header_->used.store(kHeaderBytes, std::memory_order_release);
+  } else {
+    header_ = make_array<RegionHeader>(1);
+  }
+  frames_ = make_array<Frame>(std::size_t{options.max_ids()} + 1);
+  events_ = make_array<FrameEvents>(std::size_t{options.max_ids()} + 1);
+  names_ = make_array<NameEntry>(std::size_t{options.max_ids()} + 1);
+  authorities_ = make_array<NameEntry>(std::size_t{options.max_authorities} + 1);
+  if (region_) {
+    fill_header(options);
+    allocate_first_pages();
   }
 }
 
-Region::~Region() { unmap_region(); }
+Region::~Region() {
+  // Readers that have mapped the region keep its memory, and must not trust it any more.
+  if (file_ && file_->is_own()) header_->lease_ns.store(0, std::memory_order_seq_cst);
+}
 
 Region::Piece Region::allocate(std::size_t least, std::size_t wanted) {
   const auto lock = lock_announced(mutex_);
@@ -146,63 +121,8 @@ void Region::allocate_records(std::uint32_t last_id) {
   last_record_ = last;
 }
 
-#if defined(__linux__)
-
-void Region::map_region(std::uint64_t bytes, std::uint64_t file_bytes) {
-  // The second attempt is for kernels before 6.3, which do not know the last flag.
-  writable_ = ::memfd_create("zenoh-tf", MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
-  if (writable_ < 0 && errno == EINVAL)
-    writable_ = ::memfd_create("zenoh-tf", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-  if (writable_ < 0) fail("memfd_create");
-  const std::string path = "/proc/self/fd/" + std::to_string(writable_);
-  read_only_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (read_only_ < 0) fail("cannot open the region for reading");
-  if (::ftruncate(writable_, static_cast<off_t>(file_bytes)) != 0) fail("ftruncate");
-  if (try_allocate(0, kHeaderBytes) != 0) fail("fallocate");
-  void* const mapped = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, writable_, 0);
-  if (mapped == MAP_FAILED) fail("mmap");
-  region_ = static_cast<std::byte*>(mapped);
-  bytes_ = bytes;
-  file_bytes_ = file_bytes;
-  owner_ = ::getpid();
-  // A forked child would write into this process's tree.
-  if (::madvise(region_, bytes, MADV_DONTFORK) != 0) fail("madvise");
-  // After the mapping, through which this process may still write; nobody can make another one.
-  if (::fcntl(writable_, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_FUTURE_WRITE | F_SEAL_SEAL) != 0)
-    fail("F_ADD_SEALS");
-  if (::fchmod(writable_, 0400) != 0) fail("fchmod");
-}
-
-int Region::try_allocate(std::uint64_t begin, std::uint64_t end) noexcept {
-  const auto from = static_cast<off_t>(begin), bytes = static_cast<off_t>(end - begin);
-  while (::fallocate(writable_, 0, from, bytes) != 0)
-    if (errno != EINTR) return errno;
-  return 0;
-}
-
-void Region::unmap_region() noexcept {
-  if (region_ && owner_ == ::getpid()) {
-    // Readers that have mapped the region keep its memory, and must not trust it any more.
-    if (header_) header_->lease_ns.store(0, std::memory_order_seq_cst);
-    ::munmap(region_, bytes_);
-  }
-  for (const int descriptor : {writable_, read_only_})
-    if (descriptor >= 0) ::close(descriptor);
-}
-
-#else
-
-void Region::map_region(std::uint64_t, std::uint64_t) {
-  throw std::system_error(std::make_error_code(std::errc::function_not_supported),
-                          "a tree can be shared only on Linux");
-}
-int Region::try_allocate(std::uint64_t, std::uint64_t) noexcept { return 0; }
-void Region::unmap_region() noexcept {}
-
-#endif
-
 void Region::allocate_pages(std::uint64_t begin, std::uint64_t end) {
-  const int error = try_allocate(begin, end);
+  const int error = file_->allocate(begin, end);
   if (error == 0) return;
   const std::string bytes = std::to_string(end - begin);
   throw Rejected{.code = Code::limit,
@@ -219,7 +139,7 @@ void Region::allocate_first_pages() {
   };
   // The authorities are the last array, and the arena follows.
   const std::uint64_t end = round_up(file_bytes_, kStep);
-  if (const int error = try_allocate(distance(authorities_) / kPage * kPage, end))
+  if (const int error = file_->allocate(distance(authorities_) / kPage * kPage, end))
     throw std::system_error(error, std::generic_category(), "fallocate");
   file_bytes_ = end;
 }

@@ -23,11 +23,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <mutex>
+#include <optional>
 #include <string_view>
 #include <vector>
 
 #include "base/options.hpp"
-#include "base/zeroed_array.hpp"
+#include "system/memory_file.hpp"
+#include "system/zeroed_array.hpp"
 
 namespace ztf {
 
@@ -67,7 +69,7 @@ class Region {
 
   // The file descriptor of the region, for reading. It belongs to the region; -1 if the memory is
   // private.
-  [[nodiscard]] int descriptor() const noexcept { return read_only_; }
+  [[nodiscard]] int descriptor() const noexcept { return file_ ? file_->descriptor() : -1; }
 
  private:
   struct alignas(128) Block {
@@ -76,25 +78,20 @@ class Region {
 
   template <class T>
   T* make_array(std::size_t size);
-  void map_region(std::uint64_t bytes, std::uint64_t file_bytes);
-  void unmap_region() noexcept;
   void fill_header(const Options& options);
-  // Takes the pages between two distances from the host, also behind the end of the file. Returns
-  // 0, or why that is impossible (errno).
-  int try_allocate(std::uint64_t begin, std::uint64_t end) noexcept;
-  // The same, but throws Rejected.
+  // Takes the pages between two distances from the host, also behind the end of the file. Throws
+  // Rejected.
   void allocate_pages(std::uint64_t begin, std::uint64_t end);
   // What every tree needs. Throws system_error.
   void allocate_first_pages();
 
   std::mutex mutex_;
-  int writable_ = -1, read_only_ = -1;  // the region's file
-  std::byte* region_ = nullptr;         // null if the memory is private
-  std::uint64_t bytes_ = 0;             // of the mapping: the most that the file may have
-  std::uint64_t file_bytes_ = 0;        // of the file; guarded by the mutex
-  std::uint32_t last_record_ = 0;       // up to which id records have memory
+  std::optional<MemoryFile> file_;  // none if the memory is private
+  std::byte* region_ = nullptr;     // its mapping
+  std::uint64_t bytes_ = 0;         // of the mapping: the most that the file may have
+  std::uint64_t file_bytes_ = 0;    // of the file; guarded by the mutex
+  std::uint32_t last_record_ = 0;   // up to which id records have memory
   std::uint32_t max_ids_ = 0;
-  std::int64_t owner_ = 0;                  // the process that made the region
   std::vector<ZeroedArray<Block>> blocks_;  // of private memory
 
   RegionHeader* header_ = nullptr;

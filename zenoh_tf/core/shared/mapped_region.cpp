@@ -6,33 +6,24 @@
 #include <cstring>
 #include <limits>
 
-#include "base/host.hpp"
 #include "shared/shared_tree.hpp"
-
-#if defined(__linux__)
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
-#endif
+#include "system/host.hpp"
+#include "system/memory_file.hpp"
 
 namespace ztf {
 
-#if defined(__linux__)
-
 MappedRegion::MappedRegion(int descriptor) {
+  if (!kCanShare) throw RegionRefused("a region can be mapped only on Linux");
   // A mapping whose file shrinks ends the process that touches it.
-  const int seals = ::fcntl(descriptor, F_GET_SEALS);
-  if (seals < 0 || !(seals & F_SEAL_SHRINK))
+  if (!memory_file::is_sealed(descriptor))
     throw RegionRefused("the file is not sealed against shrinking");
-  struct stat status{};
-  if (::fstat(descriptor, &status) != 0 || status.st_size < std::int64_t{kHeaderBytes})
-    throw RegionRefused("the file is too small for a region");
-  file_bytes_ = static_cast<std::uint64_t>(status.st_size);
+  const std::int64_t size = memory_file::size(descriptor);
+  if (size < std::int64_t{kHeaderBytes}) throw RegionRefused("the file is too small for a region");
+  file_bytes_ = static_cast<std::uint64_t>(size);
   map(descriptor);
   try {
     check_header();
-    const int own = ::fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+    const int own = memory_file::duplicate(descriptor);
     if (own < 0)
       throw RegionRefused(std::string("no file descriptor is left for the region: ") +
                           std::strerror(errno));
@@ -46,22 +37,26 @@ MappedRegion::MappedRegion(int descriptor) {
 // Maps what the header says, or all of the file if that is more.
 void MappedRegion::map(int descriptor) {
   std::uint64_t bytes = 0;
-  if (::pread(descriptor, &bytes, sizeof bytes, offsetof(RegionHeader, bytes)) != sizeof bytes)
+  if (!memory_file::read(descriptor, offsetof(RegionHeader, bytes), bytes))
     throw RegionRefused(std::string("the file cannot be read: ") + std::strerror(errno));
   bytes_ = std::max(bytes, file_bytes_);
-  void* const mapped = ::mmap(nullptr, bytes_, PROT_READ, MAP_SHARED, descriptor, 0);
-  if (mapped == MAP_FAILED)
+  header_ = static_cast<const RegionHeader*>(memory_file::map(descriptor, bytes_));
+  if (!header_)
     throw RegionRefused("the region of " + std::to_string(bytes_) +
                         " bytes cannot be mapped: " + std::strerror(errno));
-  header_ = static_cast<const RegionHeader*>(mapped);
 }
 
-MappedFile::~MappedFile() { ::close(descriptor_); }
+void MappedRegion::unmap() noexcept {
+  if (header_) memory_file::unmap(header_, bytes_);
+}
+
+MappedRegion::~MappedRegion() { unmap(); }
+
+MappedFile::~MappedFile() { memory_file::close(descriptor_); }
 
 std::uint64_t MappedFile::reach_now(std::uint64_t end) const noexcept {
-  struct stat status{};
-  if (::fstat(descriptor_, &status) == 0) {
-    const auto size = static_cast<std::uint64_t>(status.st_size);
+  if (const std::int64_t found = memory_file::size(descriptor_); found >= 0) {
+    const auto size = static_cast<std::uint64_t>(found);
     std::uint64_t known = size_.load(std::memory_order_relaxed);
     while (known < size && !size_.compare_exchange_weak(known, size, std::memory_order_release,
                                                         std::memory_order_relaxed)) {
@@ -69,22 +64,6 @@ std::uint64_t MappedFile::reach_now(std::uint64_t end) const noexcept {
   }
   return std::min(end, size_.load(std::memory_order_acquire));
 }
-
-void MappedRegion::unmap() noexcept {
-  if (header_) ::munmap(const_cast<RegionHeader*>(header_), bytes_);
-}
-
-#else
-
-MappedRegion::MappedRegion(int) { throw RegionRefused("a region can be mapped only on Linux"); }
-void MappedRegion::map(int) {}
-void MappedRegion::unmap() noexcept {}
-MappedFile::~MappedFile() = default;
-std::uint64_t MappedFile::reach_now(std::uint64_t) const noexcept { return 0; }
-
-#endif
-
-MappedRegion::~MappedRegion() { unmap(); }
 
 namespace {
 

@@ -1,8 +1,8 @@
 // The reads of a shared tree.
 #include "shared/shared_tree.hpp"
 
-#include "base/host.hpp"
 #include "shared/transaction.hpp"
+#include "system/host.hpp"
 
 namespace ztf {
 
@@ -34,15 +34,13 @@ std::string SharedTree::name_in(const Names& names, NameId id) {
 }
 
 void SharedTree::check_lease() const {
-#if defined(CLOCK_MONOTONIC_COARSE)
   // A tenth of the time, but late by a tick, or by more where a host takes processors away from a
   // virtual machine. So it decides only where much of the lease is left.
   constexpr std::int64_t kMargin = 100'000'000;
   // The differences cannot overflow, whatever the region says: the clock is not negative.
-  const std::int64_t now = clock_ns(CLOCK_MONOTONIC_COARSE), end = lease_ns();
+  const std::int64_t now = coarse_monotonic_ns(), end = lease_ns();
   if (now < end && end - now > kMargin) [[likely]]
     return;
-#endif
   if (monotonic_ns() >= lease_ns()) throw Unanswered{Unanswered::Reason::lapsed};
 }
 

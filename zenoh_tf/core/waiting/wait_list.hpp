@@ -39,10 +39,10 @@
 #include <vector>
 
 #include "base/options.hpp"
-#include "base/zeroed_array.hpp"
 #include "reads/guards.hpp"
 #include "reads/query.hpp"
 #include "records/frame_info.hpp"
+#include "system/zeroed_array.hpp"
 
 namespace ztf {
 

@@ -11,6 +11,7 @@
 
 #if defined(__linux__)
 #include <sys/stat.h>
+#include <unistd.h>
 #endif
 
 namespace ztf {
@@ -35,6 +36,16 @@ inline std::uint64_t time_namespace() noexcept {
   return 0;
 }
 
+// 0 if the system does not say.
+inline std::uint64_t physical_memory_bytes() noexcept {
+#if defined(__linux__)
+  return static_cast<std::uint64_t>(::sysconf(_SC_PHYS_PAGES)) *
+         static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
+#else
+  return 0;
+#endif
+}
+
 inline std::int64_t clock_ns(clockid_t clock) noexcept {
   timespec time{};
   (void)::clock_gettime(clock, &time);
@@ -43,5 +54,13 @@ inline std::int64_t clock_ns(clockid_t clock) noexcept {
 // Nanoseconds since 1970.
 inline std::int64_t real_time_ns() noexcept { return clock_ns(CLOCK_REALTIME); }
 inline std::int64_t monotonic_ns() noexcept { return clock_ns(CLOCK_MONOTONIC); }
+// The same clock, some milliseconds late and several times as fast to read where the system has it.
+inline std::int64_t coarse_monotonic_ns() noexcept {
+#if defined(CLOCK_MONOTONIC_COARSE)
+  return clock_ns(CLOCK_MONOTONIC_COARSE);
+#else
+  return monotonic_ns();
+#endif
+}
 
 }  // namespace ztf
