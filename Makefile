@@ -1,5 +1,5 @@
 # Every target works from a fresh checkout: it makes .venv, fills it and builds the native module
-# first where that is needed. Needs Python 3.11+, make and a C++20 compiler; the rest comes from PyPI.
+# first where that is needed. Needs Python 3.10+, make and a C++20 compiler; the rest comes from PyPI.
 
 BIN := .venv/bin
 export PYTHON
@@ -173,7 +173,7 @@ figures: native ## the documentation's measured numbers and figures from bench/r
 core-test: .venv/requirements.stamp ## the C++ tests: plain, thread sanitizer, address and UB sanitizers
 	@$(LOCK) sh scripts/core_test.sh plain thread address
 
-platforms: .venv/requirements.stamp ## the C++ tests with Clang and GCC 11, on ARM64 and without AVX2 under qemu
+platforms: .venv/requirements.stamp ## the C++ tests with Clang and GCC 11, on ARM64 and without AVX2 under qemu; compiled for other systems
 	@$(LOCK) bash scripts/platforms.sh
 
 wheel: ## an sdist and manylinux wheels in dist, each installed and smoke-tested

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Runs the C++ tests of the core with each compiler and on each emulated processor that is found.
 # Names what is missing with its Debian package and goes on. Fails if any run fails.
+# Compiles the core for other systems, whose programs cannot run here.
 # Logs are kept in build/platforms.
 set -u
 cd "$(dirname "$0")/.." || exit
@@ -69,6 +70,27 @@ if [ "$machine" = x86_64 ]; then
 else
     report "emulated processors" "skipped: only from x86-64, this is $machine" ""
 fi
+
+# One file of all sources. Zig brings the headers and libraries of each system.
+for target in aarch64-macos x86_64-macos x86_64-windows-gnu x86_64-linux-musl aarch64-linux-musl; do
+    if ! command -v python-zig >/dev/null; then
+        echo "$target: python-zig is missing (pip install ziglang)"
+        report "$target" "skipped: no python-zig" ""
+        continue
+    fi
+    echo "$target: zig $(python-zig version)"
+    start=$SECONDS log=build/platforms/$target.log
+    mkdir -p build/platforms
+    (cd zenoh_tf/core && printf '#include "%s"\n' *.cpp */*.cpp) >build/platforms/core.cpp
+    if nice python-zig c++ -target "$target" -std=c++20 -O1 -Wall -Wextra -Werror -Wno-psabi \
+        -Izenoh_tf/core -c build/platforms/core.cpp -o build/platforms/core.o >"$log" 2>&1; then
+        report "$target" "compiled, not run" $((SECONDS - start))
+    else
+        report "$target" "FAILED: see $log" $((SECONDS - start))
+        failed=1
+        tail -n 40 "$log"
+    fi
+done
 
 printf '\n%-34s %-44s %6s\n%s' platform result seconds "$table"
 exit $failed

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Builds an sdist, and from it one wheel for CPython 3.11 and one for the stable ABI of 3.12+, as
-# far as the interpreters are here. Installs each file of dist/ into a fresh environment outside
-# the source tree and smoke-tests it there.
+# Builds an sdist, and from it a wheel each for CPython 3.10 and 3.11 and one for the stable ABI of
+# 3.12+, as far as the interpreters are here. Installs each file of dist/ into a fresh environment
+# outside the source tree and smoke-tests it there; wheels without a compiler. Prints how long that
+# takes, how large it is, and how long a program waits for the client's import.
 #
 # The manylinux tag depends on this machine's compiler and C library. For older systems the
 # GitHub workflow builds in a manylinux_2_28 image. A static libstdc++ would not lower the tag:
@@ -45,6 +46,32 @@ outside_project() {
         "$project/build/control_loop" && "$project/build/cloud"
 }
 
+# Installs a file of dist/ into an environment. A wheel finds no compiler there.
+install() {
+    local begin
+    begin=$(date +%s%N)
+    if [[ $2 = *.whl ]]; then
+        PATH="$1/bin" CC=/none CXX=/none \
+            "$1/bin/python" -m pip install --quiet --only-binary :all: "$2" || return
+    else
+        "$1/bin/python" -m pip install --quiet "$2" || return
+    fi
+    "$1/bin/python" -I - "$(($(date +%s%N) - begin))" <<'PY'
+import pathlib, subprocess, sys, sysconfig, time
+site = pathlib.Path(sysconfig.get_path("purelib"))
+def megabytes(*patterns):
+    files = {file for pattern in patterns for file in site.glob(pattern) if file.is_file()}
+    return sum(file.stat().st_size for file in files) / 1e6
+def seconds():
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, "-I", "-c", "import zenoh_tf_client"], check=True)
+    return time.perf_counter() - begin
+own, pip = megabytes("zenoh_tf*/**/*"), megabytes("pip*/**/*", "setuptools*/**/*", "pkg_resources/**/*")
+print(f"measured: {int(sys.argv[1]) / 1e9:.0f} s, {megabytes('**/*') - pip:.0f} MB of which {own:.1f} "
+      f"are zenoh-tf; a program that imports the client: {1e3 * min(seconds() for _ in range(9)):.0f} ms")
+PY
+}
+
 # Installs a file of dist/ for one interpreter and tests it. Arguments: file, version, interpreter.
 smoke_test() {
     local file=$1 environment result=passed log
@@ -52,13 +79,14 @@ smoke_test() {
     log=build/wheel/smoke-$2-${file##*.}.log
     echo "smoke test: $(basename "$file") on Python $2"
     if ! { "$3" -m venv "$environment" &&
-        "$environment/bin/python" -m pip install --quiet "$file" &&
+        install "$environment" "$file" &&
         (cd "$work" && "$environment/bin/python" -I "$root/scripts/smoke.py" "$version") &&
         outside_project "$environment/bin/python"; } >"$log" 2>&1; then
         result="FAILED: see $log"
         failed=1
         tail -n 20 "$log"
     fi
+    grep '^measured: ' "$log" || true
     if [ $result = passed ] && grep -q '^skipped: ' "$log"; then
         result="passed; $(grep '^skipped: ' "$log")"
     fi
@@ -66,7 +94,7 @@ smoke_test() {
 }
 
 declare -A pythons # version: interpreter
-for candidate in 3.13 3.12 3.11; do
+for candidate in 3.14 3.13 3.12 3.11 3.10; do
     if python=$(find_python $candidate); then pythons[$candidate]=$python any=$candidate; fi
 done
 [ -n "${any:-}" ] || exit 1
@@ -77,7 +105,10 @@ mkdir -p dist build/wheel
 tools=build/wheel/tools/bin
 "${pythons[$any]}" -m venv build/wheel/tools
 "$tools/python" - >build/wheel/requirements.txt <<'PY'
-import tomllib
+try:
+    import tomllib
+except ModuleNotFoundError:
+    from pip._vendor import tomli as tomllib
 with open("pyproject.toml", "rb") as file:
     print(*tomllib.load(file)["project"]["optional-dependencies"]["dist"], sep="\n")
 PY
@@ -90,10 +121,10 @@ version=$(basename "${sdist#*-}" .tar.gz)
 # Unpacked to the same place each time, so that a compiler cache works.
 tar -xf "$sdist" -C build/wheel
 
-for python_version in 3.11 3.12 3.13; do
+for python_version in 3.10 3.11 3.12 3.13 3.14; do
     python=${pythons[$python_version]:-}
     [ -n "$python" ] || continue
-    [ $python_version != 3.11 ] && ls dist/*-abi3-*.whl >/dev/null 2>&1 && continue
+    ls dist/*-abi3-*.whl >/dev/null 2>&1 && continue
     echo "wheel: $("$python" --version)"
     rm -rf build/wheel/plain
     nice "$python" -m pip wheel --quiet --no-deps --wheel-dir build/wheel/plain \
@@ -101,15 +132,24 @@ for python_version in 3.11 3.12 3.13; do
     "$tools/auditwheel" repair --wheel-dir dist build/wheel/plain/*.whl
 done
 "$tools/twine" check --strict dist/*
+! ls dist/*-abi3-*.whl >/dev/null 2>&1 || "$tools/abi3audit" --strict --summary dist/*-abi3-*.whl
 
-for python_version in 3.11 3.12 3.13; do
+for python_version in 3.10 3.11 3.12 3.13 3.14; do
     python=${pythons[$python_version]:-}
-    [ -n "$python" ] || continue
-    wheel=$(ls dist/*-abi3-*.whl)
-    [ $python_version != 3.11 ] || wheel=$(ls dist/*-cp311-*.whl)
+    if [ -z "$python" ]; then
+        table+=$(printf '%-72s %-7s %s' "" "$python_version" "not tested: no such Python here")$'\n'
+        continue
+    fi
+    wheel=$(ls dist/*-cp${python_version/./}-*.whl 2>/dev/null || ls dist/*-abi3-*.whl)
     smoke_test "$wheel" $python_version "$python"
 done
 smoke_test "$sdist" "$any" "${pythons[$any]}"
+if command -v clang++ >/dev/null && [ "$CXX" != clang++ ]; then
+    echo "sdist: $(clang++ --version | head -n 1)"
+    CXX=clang++ nice "${pythons[$any]}" -m pip wheel --quiet --no-deps \
+        --wheel-dir build/wheel/clang "$sdist"
+    table+=$(printf '%-72s %-7s %s' "$(basename "$sdist")" "$any" "built with clang++")$'\n'
+fi
 
 printf '\n%-72s %-7s %s\n%s' file Python result "$table"
 exit $failed
