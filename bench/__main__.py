@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,7 @@ def main() -> None:
 def _conditions(strict: bool) -> dict[str, Any]:
     """Prints under which conditions this run measures; `strict` refuses those that spoil it."""
     load, commit = machine.load(), machine.commit()
-    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    date = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
     facts = {"commit": commit, "date": date, "load": round(load, 2), "machine": machine.describe()}
     for key, value in facts.items():
         print(f"{key}: {value}")

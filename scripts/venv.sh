@@ -13,8 +13,8 @@ fail() {
 }
 
 find_python() {
-    for candidate in ${PYTHON:-python3 python3.14 python3.13 python3.12 python3.11}; do
-        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+    for candidate in ${PYTHON:-python3 python3.14 python3.13 python3.12 python3.11 python3.10}; do
+        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null; then
             echo "$candidate"
             return
         fi
@@ -23,7 +23,7 @@ find_python() {
 }
 
 python=$(find_python) || fail \
-    "no Python 3.11 or later found (tried: ${PYTHON:-python3, python3.14 ... python3.11})." \
+    "no Python 3.10 or later found (tried: ${PYTHON:-python3, python3.14 ... python3.10})." \
     "Install one (Debian, Ubuntu: apt-get install python3 python3-venv python3-dev), or name it: make PYTHON=/path/to/python3"
 
 "$python" -c 'import venv, ensurepip' 2>/dev/null || fail \
@@ -46,9 +46,15 @@ if ! .venv/bin/python -c 'import pip' 2>/dev/null; then
     "$python" -m venv .venv
 fi
 
-# The requirements are listed only in pyproject.toml.
+# The requirements are listed only in pyproject.toml, which Python 3.10 needs tomli to read.
+.venv/bin/python -c 'import tomllib' 2>/dev/null ||
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check "tomli>=2"
 .venv/bin/python - "$what" >.venv/requirements.txt <<'PY'
-import sys, tomllib
+import sys
+try:
+    import tomllib
+except ModuleNotFoundError:
+    import tomli as tomllib
 with open("pyproject.toml", "rb") as file:
     config = tomllib.load(file)
 project = config["project"]

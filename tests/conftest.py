@@ -239,7 +239,7 @@ def tree(request: pytest.FixtureRequest) -> TransformTree:
     return tree
 
 
-@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+@pytest.fixture(params=[asyncio.run, uvloop.run], ids=["asyncio", "uvloop"])
 def run(request: pytest.FixtureRequest) -> Callable[[Main], None]:
     """``run(main)`` on either loop; nothing may be logged or left behind by it."""
 
@@ -251,8 +251,7 @@ def run(request: pytest.FixtureRequest) -> Callable[[Main], None]:
             loop.set_exception_handler(lambda _, report: reports.append(report))
             await main()
 
-        with asyncio.Runner(loop_factory=request.param) as runner:
-            runner.run(reported())
+        request.param(reported())
         assert reports == []
 
     return run_on_loop

@@ -4,7 +4,7 @@ This package has the embedded tree, and the types that client and server share.
 ``zenoh_tf_client`` has the same interface on a connection to a server.
 """
 
-from importlib.metadata import version as _version
+from typing import TYPE_CHECKING
 
 try:
     from zenoh_tf._core import Transform
@@ -59,7 +59,16 @@ from zenoh_tf.introspection.frame_info import (
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
-__version__ = _version("zenoh-tf")
+if TYPE_CHECKING:
+    __version__: str
+else:
+
+    def __getattr__(name: str) -> str:
+        if name != "__version__":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib.metadata import version  # noqa: PLC0415 - slow
+
+        return version("zenoh-tf")
 
 
 def __dir__() -> list[str]:

@@ -5,10 +5,11 @@ too (bindings/stub_docs.py). `X_target_source` is the pose of source in target, 
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal, Never
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Never
 
 from zenoh_tf._core_stubs.change_log import ChangeLog as ChangeLog
 from zenoh_tf._core_stubs.change_log import ChangeReplay as ChangeReplay

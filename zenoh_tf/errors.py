@@ -32,6 +32,7 @@ apply is ``None``. The classes up to the extrapolation errors are tf2's, except 
 from __future__ import annotations
 
 import functools
+import sys
 from typing import Final
 
 from .text import cut
@@ -94,6 +95,12 @@ class TransformException(Exception):
             if name not in FACTS:
                 raise TypeError(f"unknown fact {name!r}")
             setattr(self, name, cut(fact, MAX_FACT_CHARS) if isinstance(fact, str) else fact)
+
+    if sys.version_info < (3, 11):
+
+        def add_note(self, note: str) -> None:
+            """As in Python 3.11, where a traceback prints the notes, too."""
+            self.__dict__.setdefault("__notes__", []).append(note)
 
     @property
     def facts(self) -> dict[str, object]:

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
 from zenoh_tf import threads
 from zenoh_tf._core import StampedTransform
@@ -25,6 +25,9 @@ from zenoh_tf.gate_queue import (
     portions,
 )
 from zenoh_tf.loop_waits import LoopWaits
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 log = logging.getLogger("zenoh_tf")
 

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import itertools
 import logging
+import sys
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final, Generic, Literal, NamedTuple, TypeVar
+from types import GenericAlias
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, NamedTuple, TypeVar
 
 from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
@@ -55,17 +57,29 @@ _SECOND_WAIT_S: Final = 0.05
 _MAX_WAITS: Final = 2
 
 
-class Passed(NamedTuple, Generic[T]):
-    """An item that a gate hands over, with its transform: ``item, transform = gate.get()``.
+if TYPE_CHECKING or sys.version_info >= (3, 11):
 
-    Attributes:
-        item: What was put.
-        transform: `X_target_frame` at the item's stamp, in metres: parent_frame is the gate's
-            target, child_frame the item's frame.
-    """
+    class Passed(NamedTuple, Generic[T]):
+        """An item that a gate hands over, with its transform: ``item, transform = gate.get()``.
 
-    item: T
-    transform: StampedTransform
+        Attributes:
+            item: What was put.
+            transform: `X_target_frame` at the item's stamp, in metres: parent_frame is the gate's
+                target, child_frame the item's frame.
+        """
+
+        item: T
+        transform: StampedTransform
+
+else:  # a NamedTuple can have no other base
+
+    class Passed(NamedTuple):
+        """An item that a gate hands over, with its transform."""
+
+        item: Any
+        transform: StampedTransform
+
+        __class_getitem__ = classmethod(GenericAlias)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@ for lookups, in rounds."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -62,9 +61,7 @@ class LoopWaits:
                 elif is_closed():
                     return
                 else:
-                    with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(longest_s()):
-                            await alarm.event.wait()
+                    await alarm.wait(longest_s())
         finally:
             self._alarms.remove(alarm)
 
@@ -73,9 +70,20 @@ class _Alarm:
     """Sets an event of the running loop from another thread."""
 
     def __init__(self) -> None:
+        import asyncio  # noqa: PLC0415 - most programs need none
+
         self.event = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._is_sent = False
+
+    async def wait(self, longest_s: float | None) -> None:
+        """Wait until the event is set, which it is after `longest_s` at the latest."""
+        timer = None if longest_s is None else self._loop.call_later(longest_s, self.event.set)
+        try:
+            await self.event.wait()
+        finally:
+            if timer is not None:
+                timer.cancel()
 
     def send(self) -> None:
         """Set the event soon. While the loop is busy, further calls add nothing to its queue."""

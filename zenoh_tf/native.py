@@ -16,8 +16,9 @@ _FOLDER = Path(_core.__file__).parent / "_native"
 
 def library() -> Path:
     """Return the shared library's path, for ``ctypes`` and the like."""
-    (path,) = (_FOLDER / "lib").glob("libzenoh_tf.so.*")
-    return path
+    for path in (_FOLDER / "lib").glob("libzenoh_tf.so.*"):
+        return path
+    raise FileNotFoundError(f"no libzenoh_tf in {_FOLDER}: it is built on Linux only")
 
 
 def cmakedir() -> Path:

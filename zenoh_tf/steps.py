@@ -9,17 +9,19 @@ Internal: for `zenoh_tf_server` and `zenoh_tf_client`.
 
 from __future__ import annotations
 
-import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import zenoh
 
 from . import wire
 from ._net.queries import NoReply
 from .errors import TransformException
+
+if TYPE_CHECKING:
+    import asyncio
 
 T = TypeVar("T")
 

@@ -58,10 +58,11 @@ def measure(report: Report) -> None:
 
 @contextlib.contextmanager
 def _client(loop: str, endpoint: str) -> Iterator[Run]:
-    with asyncio.Runner(loop_factory=LOOPS[loop]) as runner:
-        tf = runner.run(AsyncTransformClient.connect(endpoint, timeout_s=60.0, reads="query"))
-        yield lambda trial: runner.run(trial(tf))
-        runner.run(tf.close())
+    with contextlib.closing(LOOPS[loop]()) as running:
+        connect = AsyncTransformClient.connect(endpoint, timeout_s=60.0, reads="query")
+        tf = running.run_until_complete(connect)
+        yield lambda trial: running.run_until_complete(trial(tf))
+        running.run_until_complete(tf.close())
 
 
 def _synchronous(tf: TransformClient, calls: int) -> Trial:

@@ -10,7 +10,7 @@ camera.result(), stored.result()
 
 from __future__ import annotations
 
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf.errors import TransformException
 
@@ -19,6 +19,9 @@ from .requests.batch_operations import BatchOperations
 from .requests.handle import Handle
 from .requests.request import Request
 from .session.connection import Connection
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

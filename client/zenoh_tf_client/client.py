@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import Credentials
@@ -24,6 +24,9 @@ from .session.mapped_tree import MappedTree, Mode, check
 from .session.public import own_methods
 from .transaction import Transaction, repeat
 from .writes import Writes
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

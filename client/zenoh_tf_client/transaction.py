@@ -20,7 +20,7 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Sequence
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -39,6 +39,9 @@ from .requests import columns, lookups, writes
 from .requests.lookups import Lookup, VersionedRead
 from .session.connection import Connection
 from .session.mapped_tree import MappedTree
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

@@ -31,6 +31,7 @@ EXTRAS = {
     "scipy": "zenoh_tf",
     "shtab": "zenoh_tf_tools",
     "tf2_msgs": "zenoh_tf",
+    "tomli": "zenoh_tf",  # for Python 3.10
     "trimesh": "zenoh_tf_tools",  # viser brings it
     "viser": "zenoh_tf_tools",
     "websockets": "zenoh_tf_tools",  # viser brings it
@@ -53,8 +54,12 @@ def imports(repository: Repository) -> Iterator[Violation]:
 
 
 def _imported(text: str) -> Iterator[tuple[int, str]]:
-    """Every top-level module that a file imports absolutely, with its line."""
-    for node in ast.walk(ast.parse(text)):
+    """Every top-level module that a file imports absolutely at run time, with its line."""
+    tree = ast.parse(text)
+    for node in list(ast.walk(tree)):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body.clear()
+    for node in ast.walk(tree):
         names: list[str] = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]

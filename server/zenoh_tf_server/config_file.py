@@ -23,12 +23,12 @@ from __future__ import annotations
 
 import argparse
 import difflib
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from zenoh_tf.errors import InvalidArgumentException, must_be
+from zenoh_tf.text import toml
 from zenoh_tf.text.flag_values import file_path
 
 from . import motion_limits
@@ -77,10 +77,12 @@ def read(parser: argparse.ArgumentParser, path: Path) -> argparse.Namespace:
     """
     try:
         with path.open("rb") as file:
-            document = tomllib.load(file)
+            document = toml.loads(file.read().decode())
     except OSError as error:
         raise InvalidArgumentException(f"cannot read {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except toml.NoReader as error:
+        raise InvalidArgumentException(f"cannot read {path}: {error}") from error
+    except ValueError as error:
         raise InvalidArgumentException(f"{path} is not TOML: {error}") from error
     except RecursionError:
         raise InvalidArgumentException(f"{path} is nested too deeply") from None

@@ -57,8 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     set_up_heaps()
     capacity.allow_open_files()
     try:
-        with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-            runner.run(serve(settings))
+        uvloop.run(serve(settings))
     except (NetworkError, MetricsMissing, StateError, TreeTaken, TransformException) as error:
         print(printable(f"zenoh-tf-server: {error}"), file=sys.stderr)
         return CANNOT_START
@@ -97,7 +96,7 @@ async def serve(settings: ServerSettings) -> NoReturn:
     try:
         await asyncio.wait_for(asyncio.to_thread(server.close), _STOP_TIMEOUT_S)
         log.info("stopped")
-    except TimeoutError:
+    except asyncio.TimeoutError:  # on Python 3.10 not yet the built-in one
         log.warning("the Zenoh session did not close in time: ending without closing it")
     _end()
 

@@ -127,7 +127,7 @@ def expiring_certificate(arena: Arena) -> list[Finding]:
             return TransformClient.connect(endpoint, timeout_s=timeout_s, credentials=own)
 
         good = stack.enter_context(connect(issue(authority, folder, "good"), 10.0))
-        end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(seconds=_VALID_S)
+        end = datetime.datetime.now(datetime.timezone.utc) + datetime.timedelta(seconds=_VALID_S)
         expiring = issue(authority, folder, "short", end=end)
         short = stack.enter_context(connect(expiring, 3.0))
         with _Reader(good) as reader:

@@ -281,13 +281,8 @@ def test_each_loop_has_a_client_of_its_own(server: ServerProcess) -> None:
                 assert found.stamp_ns == stamp_ns
         done.append(number)
 
-    factories = [asyncio.new_event_loop, uvloop.new_event_loop]
-
-    def run_loop(number: int) -> None:
-        with asyncio.Runner(loop_factory=factories[number % 2]) as runner:
-            runner.run(main(number))
-
-    together(*(partial(run_loop, number) for number in range(4)))
+    runners = [asyncio.run, uvloop.run]
+    together(*(partial(runners[number % 2], main(number)) for number in range(4)))
     assert sorted(done) == [0, 1, 2, 3]
 
 

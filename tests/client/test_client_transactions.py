@@ -121,4 +121,4 @@ def test_run_transaction_tries_again(server: ServerProcess) -> None:
 
         with pytest.raises(TransactionConflict) as caught:
             tf.run_transaction(never, attempts=2)
-        assert "2 attempts" in caught.value.__notes__[0]
+        assert "2 attempts" in vars(caught.value)["__notes__"][0]

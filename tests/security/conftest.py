@@ -63,7 +63,7 @@ def tls_endpoint() -> str:
 def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     folder = tmp_path_factory.mktemp("certificates")
     authority = trustme.CA()
-    now = datetime.datetime.now(datetime.UTC)
+    now = datetime.datetime.now(datetime.timezone.utc)
     past = now - datetime.timedelta(9), now - datetime.timedelta(2)
     issue(authority, folder, "server", ["127.0.0.1", "localhost"])
     issue(authority, folder, "arm-server", ["127.0.0.1"])

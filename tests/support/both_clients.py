@@ -9,9 +9,12 @@ import asyncio
 import inspect
 import threading
 from collections.abc import Callable
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 from zenoh_tf_client import AsyncBatch, AsyncTransaction, AsyncTransformClient
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 #: Far above what any test waits for.
 TIMEOUT_S = 50.0

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from tests.processes.ports import free_port
 from tests.processes.servers import ServerProcess
@@ -20,6 +19,10 @@ from tests.viewer.viewers import QUARTER, S
 from zenoh_tf import StampedTransform, Transform
 from zenoh_tf._core import TransformRows
 from zenoh_tf.recordings.writer import RecordingWriter
+
+pytest.importorskip("rerun", reason="has no wheel for Python 3.10")
+from rerun.chunk import RrdReader
+
 from zenoh_tf_tools.rerun_log import _prefixes
 
 ARM = Path(__file__).parents[2] / "examples/arm.urdf"

@@ -6,12 +6,15 @@ A password is never part of a text that this module makes.
 from __future__ import annotations
 
 import os
-import ssl
 import stat
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import InvalidArgumentException
+
+if TYPE_CHECKING:
+    import ssl
 
 #: The path of a file, as callers may give it.
 FilePath = str | os.PathLike[str]
@@ -177,7 +180,7 @@ def load_certificate(
     try:
         # Without a password of its own, OpenSSL would ask for one on the terminal.
         context.load_cert_chain(certificate, key, password=lambda: b"")
-    except (ssl.SSLError, OSError, ValueError) as error:
+    except (OSError, ValueError) as error:
         if getattr(error, "reason", None) == "KEY_VALUES_MISMATCH":
             raise InvalidArgumentException(
                 f"the {prefix}key file {shown_key} is not the key of the certificate {shown}",
@@ -198,7 +201,7 @@ def load_authorities(context: ssl.SSLContext, ca: FilePath, prefix: str = "") ->
     """
     try:
         context.load_verify_locations(ca)
-    except (ssl.SSLError, OSError) as error:
+    except OSError as error:
         raise InvalidArgumentException(
             f"the {prefix}ca file {os.fspath(ca)!r} has no certificates in PEM",
             field=f"{prefix}ca",

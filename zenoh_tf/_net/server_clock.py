@@ -13,6 +13,8 @@ import time
 from collections import deque
 from typing import Final
 
+from .. import unix
+
 #: The best of so many latest comparisons counts.
 COMPARISONS: Final = 6
 #: Clocks are assumed to drift apart by less than 1 ns in this many.
@@ -21,8 +23,7 @@ _DRIFT: Final = 10_000
 
 def now_ns() -> int:
     """This machine's clock, which also runs while the machine sleeps, where it has such a one."""
-    clock = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-    return time.clock_gettime_ns(clock)
+    return unix.boot_time_ns()
 
 
 class ServerClock:

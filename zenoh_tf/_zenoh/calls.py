@@ -20,7 +20,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import ctypes
-import os
 import threading
 import time
 import weakref
@@ -29,7 +28,7 @@ from types import TracebackType
 
 import zenoh
 
-from .. import threads
+from .. import threads, unix
 from ..errors import ServerUnavailable
 
 #: How long the exit handler waits for calls to return before it gives up: a session that the
@@ -216,4 +215,4 @@ def _after_fork() -> None:
         calls.never_free()
 
 
-os.register_at_fork(after_in_child=_after_fork)
+unix.after_fork(_after_fork)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import fcntl
 import ipaddress
 import logging
 import os
@@ -26,13 +25,14 @@ import socket
 import stat
 import struct
 import sys
-import termios
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final
 
 import zenoh
+
+from zenoh_tf import unix
 
 log = logging.getLogger("zenoh_tf")
 
@@ -43,7 +43,7 @@ _NO_LINGER: Final = struct.pack("ii", 0, 0)
 
 #: A socket object would not do: Python gives one on a descriptor of another owner its default
 #: timeout (`socket.setdefaulttimeout`), which makes that owner's socket non-blocking.
-_LIBC: Final = ctypes.CDLL(None)
+_LIBC: Final = unix.LIBC
 
 _Address = tuple[str, int]
 
@@ -88,11 +88,7 @@ class LinkSocket:
 
     def unsent_bytes(self) -> int:
         """The bytes that were written, and that the other end has not acknowledged."""
-        try:
-            unsent = fcntl.ioctl(self.fd, termios.TIOCOUTQ, b"\0\0\0\0")
-        except OSError:  # closed
-            return 0
-        return int(struct.unpack("i", unsent)[0])
+        return unix.unsent_bytes(self.fd)
 
     def free_bytes(self) -> int:
         """How many bytes the kernel accepts at least. It counts what it spends beside the bytes,

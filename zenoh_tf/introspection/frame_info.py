@@ -5,7 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 #: Two bits of a version are the lock's (`zenoh_tf/core/records/lock_words.hpp`).
 _VERSIONS_PER_COMMIT: Final = 4

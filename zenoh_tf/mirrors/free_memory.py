@@ -14,12 +14,12 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import os
 from pathlib import Path
 from typing import Final
 
+from .. import unix
 from ..steps import Pause, Steps
 from ..threads import Periodic
 
@@ -53,7 +53,7 @@ _OPTIONS: Final = (
 #: busy machine much later.
 _SOON_S: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 #: None without glibc.
-_TRIM: Final = getattr(ctypes.CDLL(None), "malloc_trim", None)
+_TRIM: Final = getattr(unix.LIBC, "malloc_trim", None)
 
 
 def give_back() -> None:
@@ -112,7 +112,7 @@ def _is_asked() -> bool:
 
 
 def _set(option: int, variable: str, value: int) -> None:
-    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    set_option = getattr(unix.LIBC, "mallopt", None)
     if set_option is not None and variable not in os.environ:
         set_option(option, value)
 

@@ -9,7 +9,7 @@ import argparse
 import re
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from decimal import Decimal
 from typing import Final, NamedTuple
 
@@ -41,7 +41,7 @@ _ISO: Final = re.compile(
 )
 #: A stamp as `--json` prints it: in seconds, it would be a billion years or more.
 _STAMP: Final = re.compile(r"\d{17,19}", re.ASCII)
-_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=timezone.utc)
 #: What a number without a unit may mean.
 _LENGTHS: Final = "{0} seconds or {0} milliseconds; write {0}s or {0}ms"
 #: The last time that a stamp can say.
@@ -119,8 +119,10 @@ def _iso_ns(text: str, forms: str) -> int:
         raise argparse.ArgumentTypeError(
             f"{text!r} is ambiguous: it has no time zone; append Z for UTC, or one such as +02:00"
         )
+    zone = match["zone"].upper().replace("Z", "+00:00")
+    zone = f"{zone[:3]}:{zone[-2:]}"  # Python 3.10 wants the colon
     try:
-        moment = datetime.fromisoformat(f"{match['date']}T{match['clock']}{match['zone'].upper()}")
+        moment = datetime.fromisoformat(f"{match['date']}T{match['clock']}{zone}")
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is not a time: {error}") from error
     seconds = (moment - _EPOCH) // timedelta(seconds=1)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from os import PathLike
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import (
@@ -24,6 +24,8 @@ from .times import Duration, Time, seconds, stamp_ns, time_of
 from .transforming import TransformRegistration, do_transform
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from zenoh_tf_client.tf2.connection import Server
 
 #: The default time-out: do not wait.

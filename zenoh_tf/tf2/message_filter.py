@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final
 
 from zenoh_tf import threads
 from zenoh_tf.errors import (
@@ -33,6 +33,9 @@ from .buffer import Buffer
 from .messages import TransformStamped
 from .times import seconds, stamp_ns
 from .wait_loop import WaitLoop
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 log = logging.getLogger("zenoh_tf.client")
 

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 from zenoh_tf.errors import must_be
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 _NS_PER_S = 1_000_000_000
 _MAX_S = 2**63 / _NS_PER_S

@@ -37,7 +37,8 @@ UNSUPPORTED: Final = ("floating", "planar")
 _MAX_HINTS: Final = 3
 _KINDS: Final = ("fixed", *MOVING, *UNSUPPORTED)
 #: Other parsers take what stands before the declaration here; expat does not.
-_BEFORE: Final = re.compile(rb"(?:\xef\xbb\xbf)?(?>\s++|<!--(?>.*?-->))*+(?=<\?xml\s)", re.DOTALL)
+_BEFORE: Final = re.compile(rb"\s+|<!--.*?-->", re.DOTALL)
+_DECLARATION: Final = re.compile(rb"<\?xml\s")
 _DECLARED: Final = re.compile(rb"""<\?xml\s[^>]*?\bencoding\s*=\s*["']([\w.:-]+)""")
 #: Encodings that expat cannot read before Python 3.15, but Python can.
 _MULTI_BYTE: Final = frozenset(
@@ -155,8 +156,11 @@ def _parse_xml(text: bytes, source: str) -> Element:
 
 def _readable(text: bytes, source: str) -> tuple[bytes, str | None]:
     """The text in an encoding that expat reads, and its name; None: as the text declares."""
-    if before := _BEFORE.match(text):
-        text = text[before.end() :]
+    begin = len(codecs.BOM_UTF8) if text.startswith(codecs.BOM_UTF8) else 0
+    while before := _BEFORE.match(text, begin):
+        begin = before.end()
+    if _DECLARATION.match(text, begin):
+        text = text[begin:]
     declared = _DECLARED.match(text)
     try:
         name = codecs.lookup(declared[1].decode()).name if declared else ""

@@ -8,7 +8,7 @@ camera.result(), stored.result()
 
 from __future__ import annotations
 
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf.errors import TransformException
 
@@ -17,6 +17,9 @@ from ..requests.batch_operations import BatchOperations
 from ..requests.handle import Handle
 from ..requests.request import Request
 from .session.connection import AsyncConnection
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

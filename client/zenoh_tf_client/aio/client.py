@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import Credentials
@@ -24,6 +24,9 @@ from .session.connection import AsyncConnection
 from .session.threads import in_thread
 from .transaction import AsyncTransaction, repeat
 from .writes import AsyncWrites
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

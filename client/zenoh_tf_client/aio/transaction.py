@@ -18,7 +18,7 @@ import asyncio
 import contextlib
 import random
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from ..requests import columns, lookups, writes
 from ..requests.lookups import Lookup, VersionedRead
 from ..session.mapped_tree import MappedTree
 from .session.connection import AsyncConnection
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import weakref
 from typing import ClassVar, Final
 
-from zenoh_tf import TransformTree, wire
+from zenoh_tf import TransformTree, unix, wire
 from zenoh_tf._zenoh.calls import raise_if_forked
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException, must_be
 from zenoh_tf.mirrors.feed import MirrorFeed
@@ -161,4 +160,4 @@ def _after_fork() -> None:
         mirror._install(None)
 
 
-os.register_at_fork(after_in_child=_after_fork)
+unix.after_fork(_after_fork)

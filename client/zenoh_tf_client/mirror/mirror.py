@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, wire
 from zenoh_tf._zenoh.calls import raise_if_forked
@@ -17,6 +17,9 @@ from ..session.mapped_tree import MappedTree
 from ..transaction import Transaction, repeat
 from .base_mirror import BaseMirror
 from .transaction import MirrorTransaction
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

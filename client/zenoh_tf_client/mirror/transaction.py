@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from zenoh_tf import TransformTree
 from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException
@@ -14,6 +14,9 @@ from ..transaction import Transaction
 from .base_mirror import BaseMirror
 from .interest import OutsideInterest
 from .transaction_reads import CATCH_UP_S, look_up, reads_by_query
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

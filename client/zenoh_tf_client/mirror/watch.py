@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import AsyncIterator, Iterator
-from typing import Self
+from typing import TYPE_CHECKING
 
 from zenoh_tf._zenoh.calls import raise_if_forked
 from zenoh_tf.errors import ServerUnavailable, TimeoutException
@@ -13,6 +13,9 @@ from zenoh_tf.text import quoted
 
 from .base_mirror import BaseMirror
 from .watching import PoseEvent, Terms, Watching
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class Watch:

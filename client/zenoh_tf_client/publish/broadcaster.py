@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Iterable
-from typing import Self
+from typing import TYPE_CHECKING
 
 from zenoh_tf import StampedTransform
 from zenoh_tf._net import keys
@@ -15,6 +15,9 @@ from zenoh_tf.errors import ServerUnavailable
 from ..session.connection import Connection
 from .announcer import Announcer
 from .publisher import Publisher, message
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class Broadcaster:

@@ -14,12 +14,11 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import logging
-import os
 import threading
 import weakref
 from typing import Any, Final, Literal, Protocol, cast
 
-from zenoh_tf import threads
+from zenoh_tf import threads, unix
 from zenoh_tf._core import ask_absent
 from zenoh_tf._net import handover
 from zenoh_tf._net.socket_trust import NotTrusted
@@ -291,4 +290,4 @@ def _after_fork() -> None:
         reads._is_on = False
 
 
-os.register_at_fork(after_in_child=_after_fork)
+unix.after_fork(_after_fork)

@@ -42,7 +42,16 @@ _INSERT: Final = "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?)"
 _SERVED: Final = "served"
 
 #: SQLite's codes for a file that is damaged, is none of its own, or has other tables.
-_DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+_CORRUPT: Final = 11
+_DAMAGE: Final = (_CORRUPT, 26, 1)
+#: How its messages of other errors begin. On Python 3.10 an error has no code.
+_NO_DAMAGE: Final = (
+    "attempt to write a readonly database",
+    "database is locked",
+    "database or disk is full",
+    "disk I/O error",
+    "unable to open database file",
+)
 
 Sync = Literal["full", "normal"]
 
@@ -240,8 +249,9 @@ class StateFile:
 
     def _unusable(self, error: sqlite3.Error | UnicodeError) -> StateError:
         # Python's own errors, such as text that is not UTF-8, have no code.
-        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
-        if code & 0xFF in _DAMAGE:  # without what extends the code
+        code = getattr(error, "sqlite_errorcode", _CORRUPT)
+        # Without what extends the code.
+        if code & 0xFF in _DAMAGE and not str(error).startswith(_NO_DAMAGE):
             return self._damaged(str(error))
         return StateError(f"cannot open the state {self.path}: {error}")
 

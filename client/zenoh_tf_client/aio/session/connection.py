@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf.errors import OutcomeUnknown, ServerUnavailable
@@ -23,6 +23,9 @@ from .outbox import Operation, Outbox
 from .threads import in_thread
 from .transport import Transport
 from .waits import Wait, Waits
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 T = TypeVar("T")
 

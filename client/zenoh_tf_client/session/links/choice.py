@@ -17,7 +17,6 @@ import zenoh
 
 from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf._zenoh import connect_failure
 from zenoh_tf.errors import ServerUnavailable, TransformException
 
 from ..exchange import Exchange
@@ -132,6 +131,8 @@ class Links:
             is_last = time.monotonic() >= deadline_s
             if trees is None and (is_last or not isinstance(failure, ServerUnavailable)):
                 previous = failure
+                from zenoh_tf._zenoh import connect_failure  # noqa: PLC0415 - it loads ssl, which is slow
+
                 failure = connect_failure.explain_all(
                     self._endpoints, self._tree, self._timeout_s, self._credentials
                 )

@@ -13,7 +13,7 @@ import zenoh
 from zenoh_tf import wire
 from zenoh_tf._net import zenoh_config
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf._zenoh import connect_failure, opening
+from zenoh_tf._zenoh import opening
 from zenoh_tf.errors import InvalidArgumentException, ServerUnavailable, TransformException
 from zenoh_tf.mirrors.free_memory import limit_heaps
 
@@ -54,6 +54,8 @@ def open_session(
             return session
         if not isinstance(failure, ServerUnavailable) or time.monotonic() >= deadline_s:
             previous = failure
+            from zenoh_tf._zenoh import connect_failure  # noqa: PLC0415 - it loads ssl, which is slow
+
             failure = connect_failure.explain(endpoint, tree, timeout_s, credentials)
             if connect_failure.is_final(failure, previous) or time.monotonic() >= deadline_s:
                 raise failure

@@ -7,13 +7,12 @@ import json
 import math
 import os
 import sys
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from zenoh_tf import StampedTransform, Transform, TransformException
-from zenoh_tf.text import printable
+from zenoh_tf.text import printable, toml
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli.arguments import Commands, add_authority
@@ -260,7 +259,7 @@ def _write(path: Path, text: str) -> None:
 def _read(path: Path) -> dict[str, StampedTransform]:
     """The links of a file. Raises CommandError if it cannot be read or is malformed."""
     try:
-        links = tomllib.loads(path.read_text(encoding="utf-8")).get("link")
+        links = toml.loads(path.read_text(encoding="utf-8")).get("link")
         if not isinstance(links, list):
             raise ValueError("it has no [[link]]")
         read = [_link(entry, f" of link {number}") for number, entry in enumerate(links, start=1)]
