@@ -23,10 +23,11 @@ class Page:
 
     def __init__(self, name: str, folder: Path, endpoint: str) -> None:
         self.text = (ROOT / "docs/tutorial" / f"{name}.md").read_text()
+        (folder / "build").mkdir()
         (folder / "examples").symlink_to(ROOT / "examples")
         blocks = re.findall(r"^```(\w+)\n(.*?)^```$", self.text, re.M | re.S)
         self.shown = [text for kind, text in blocks if kind == "text"]
-        names = re.findall(r"as `(\w+\.py)`", self.text)
+        names = re.findall(r"as `(build/\w+\.py)`", self.text)
         programs = [text for kind, text in blocks if kind == "py"]
         for program, text in zip(names, programs, strict=True):
             (folder / program).write_text(text)
@@ -69,8 +70,8 @@ def test_plain_python(server: ServerProcess, tmp_path: Path) -> None:
     page = Page("python", tmp_path, server.endpoint)
     assert page.lines == []
     (printed,) = page.shown
-    assert page.run("python robot.py") == printed
-    mover = page.start("python move.py")
+    assert page.run("python build/robot.py") == printed
+    mover = page.start("python build/move.py")
     try:
         wait_for(server, "base", "tool", mover)
         assert page.run("zenoh-tf lookup base tool").startswith("tool in base\n")
@@ -96,6 +97,6 @@ def test_a_recording(server: ServerProcess, tmp_path: Path) -> None:
     assert page.run(at).startswith("camera in map\n")
     header, *rows = page.run(table).splitlines()
     assert header.startswith("stamp_ns,x,") and len(rows) > 10
-    assert shape(page.run("python path.py")) == shape(moved)
+    assert shape(page.run("python build/path.py")) == shape(moved)
     page.run("zenoh-tf doctor run.mcap")
     page.run("zenoh-tf explain run.mcap map camera")
