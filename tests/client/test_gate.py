@@ -340,7 +340,7 @@ async def test_async(server: ServerProcess) -> None:
             assert await anext(passing) == Passed("now", at(150))
             gate.put("soon", "base", 250)
             gate.put("never", "camera", 250)
-            with pytest.raises(TimeoutError):
+            with pytest.raises(asyncio.TimeoutError):
                 await asyncio.wait_for(anext(passing), 0.05)  # takes nothing with it
             await tf.set_transform(at(300))
             async for item, transform in gate:

@@ -239,7 +239,7 @@ async def test_asyncio(
 
         first = await next_event()
         assert (first.reason, first.error) == ("found", None)
-        with pytest.raises(TimeoutError):
+        with pytest.raises(asyncio.TimeoutError):
             await asyncio.wait_for(next_event(), 0.05)
         waiting = asyncio.create_task(next_event())
         for x in (0.05, 5.0):

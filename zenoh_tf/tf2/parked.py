@@ -66,7 +66,7 @@ class ParkedLookups:
         woken = self._waiting[number] = asyncio.get_running_loop().create_future()
         try:
             if not parked.start():
-                with contextlib.suppress(TimeoutError):
+                with contextlib.suppress(asyncio.TimeoutError):  # on 3.10 not the built-in one
                     await asyncio.wait_for(woken, timeout_s)
         finally:
             del self._waiting[number]
