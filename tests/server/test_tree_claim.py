@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -52,7 +53,7 @@ def test_of_two_candidates_one_serves(server: ServerProcess) -> None:
             Claim(session, "two", "2")
         with ThreadPoolExecutor() as pool:
             claimed = pool.submit(Claim, session, "two", "0")
-            with pytest.raises(TimeoutError):
+            with pytest.raises(concurrent.futures.TimeoutError):
                 claimed.result(3.0)
             slow.undeclare()
             claimed.result(START_TIMEOUT_S).close()

@@ -80,7 +80,10 @@ def test_there_is_no_call_that_sends_without_blocking() -> None:
     assert [name for kind in kinds for name in dir(kind) if name.startswith("try_")] == []
 
 
-@pytest.mark.skipif(sys.version_info >= (3, 14), reason="a thread waits there, and is not ended")
+@pytest.mark.skipif(
+    not (3, 11) <= sys.version_info < (3, 14),
+    reason="from 3.14 on a thread waits, and is not ended; on 3.10 it depends on chance",
+)
 def test_a_thread_in_zenoh_aborts_a_program_that_ends() -> None:
     """`calls.py`: such a thread comes back while the interpreter is being finalized."""
     script = """
