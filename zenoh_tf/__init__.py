@@ -45,8 +45,8 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf.estimate import EstimateArray
-from zenoh_tf.gate import Gate
-from zenoh_tf.gate_queue import Dropped, Passed
+from zenoh_tf.gates.gate import Gate
+from zenoh_tf.gates.queue import Dropped, Passed
 from zenoh_tf.introspection.explanation import Explanation, LinkReport
 from zenoh_tf.introspection.frame_info import (
     AuthorityInfo,

@@ -9,8 +9,8 @@ import numpy as np
 
 from zenoh_tf import _core, notebook
 from zenoh_tf._core import Transform
+from zenoh_tf.clouds.points import output_like, readable, real_numbers
 from zenoh_tf.errors import BY_CODE, InvalidArgumentException, TransformException
-from zenoh_tf.points import output_like, readable, real_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from zenoh_tf import _core, notebook
 from zenoh_tf.array import TransformArray
+from zenoh_tf.clouds.points import Sweep, SweepOptions, deskew
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.gap_limit import max_gap_ns
-from zenoh_tf.gate import Gate
+from zenoh_tf.gates.gate import Gate
 from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.introspection.explanation import Explanation
 from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
-from zenoh_tf.points import Sweep, SweepOptions, deskew
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from zenoh_tf.gate_queue import Dropped
+    from zenoh_tf.gates.queue import Dropped
 
 
 class TransformTree(TreeEstimates):

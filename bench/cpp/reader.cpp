@@ -119,7 +119,7 @@ void measure_latency(Buffer& buffer, Call call, unsigned lookups, int core) {
             << ", \"unanswered\": " << failed << '}';
 }
 
-// Looks up once in each period, and tells how old the answers were.
+// Looks up once in each period, and reports how old the answers were.
 void ask(Buffer& buffer, Call call, double seconds) {
   std::vector<double> ages_ms;
   unsigned failed = 0;

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.zenoh_config import address
-from zenoh_tf.gate import Gate
+from zenoh_tf.gates.gate import Gate
 from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch

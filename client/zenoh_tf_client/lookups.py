@@ -18,7 +18,7 @@ from zenoh_tf import (
     TransformArray,
     Velocity,
 )
-from zenoh_tf.points import Sweep, SweepOptions, deskew
+from zenoh_tf.clouds.points import Sweep, SweepOptions, deskew
 from zenoh_tf.shared_tree import AskServer, SharedTree
 
 from .requests import estimates, lookups

@@ -8,8 +8,8 @@ pose holds at all times.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
 from zenoh_tf.urdf import reader
+from zenoh_tf.urdf.kinematics import link_of
 from zenoh_tf_tools.errors import CommandError
 from zenoh_tf_tools.viewer.changes import LinkChanges
+from zenoh_tf_tools.viewer.placement import roots_by_size
 from zenoh_tf_tools.viewer.source import ViewedLink, ViewedTree
 
 #: The timeline of the tree's times.
@@ -142,7 +144,7 @@ class RerunLog:
                 entity = f"{path.stem} {prefix.rstrip('/')}".rstrip()
                 model = UrdfTree.from_file_path(path, entity, frame_prefix=prefix)
                 self._stream.send_chunks(model.stream(include_joint_transforms=False))
-        root = self._fixed or _root_of_most(links)
+        root = self._fixed or roots_by_size({link.name: link for link in links})[0]
         if root != self._root:
             self._root = root
             view = rrb.Spatial3DView(
@@ -176,26 +178,5 @@ def _links_of(path: Path) -> frozenset[str]:
 
 def _prefixes(robot: frozenset[str], frames: Iterable[str]) -> set[str]:
     """What stands before the names of the robot's links; "" or a text with a slash at its end."""
-    found = set()
-    for frame in frames:
-        parts = frame.split("/")
-        for start in range(len(parts)):
-            link = "/".join(parts[start:])
-            if link in robot:
-                found.add(frame.removesuffix(link))
-                break
-    return found
-
-
-def _root_of_most(links: Iterable[ViewedLink]) -> str:
-    parents: Mapping[str, str | None] = {link.name: link.parent for link in links}
-
-    def root(name: str) -> str:
-        for _ in range(len(parents)):  # links of different times may close a circle
-            parent = parents.get(name)
-            if parent is None:
-                break
-            name = parent
-        return name
-
-    return Counter(root(name) for name in parents).most_common(1)[0][0]
+    links = ((frame, link_of(frame, robot)) for frame in frames)
+    return {frame.removesuffix(link) for frame, link in links if link is not None}

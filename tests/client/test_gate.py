@@ -27,7 +27,7 @@ from zenoh_tf import (
     Transform,
     TransformTree,
 )
-from zenoh_tf.gate_queue import MAX_FRAMES
+from zenoh_tf.gates.queue import MAX_FRAMES
 
 #: Far above what any test waits for.
 LONG_S = 40.0

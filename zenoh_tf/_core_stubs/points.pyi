@@ -1,6 +1,6 @@
 """The native module's kernels over arrays of points: a stub that `_core.pyi` imports, not a module at
 run time. Points and `out` are float32 or float64, (rows, columns, 3), with any strides; see
-zenoh_tf.points.
+zenoh_tf.clouds.points.
 """
 
 from collections.abc import Sequence

@@ -240,7 +240,7 @@ class Reads(Generic[N]):
     ) -> (  # status, stamps, poses, gaps
         tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]] | N
     ): ...
-    def _deskew(  # see zenoh_tf.points
+    def _deskew(  # see zenoh_tf.clouds.points
         self,
         points: NDArray[Any],  # float32 or float64, (rows, columns, 3), any strides
         stamps_ns: NDArray[np.int64],  # (rows, columns)

@@ -1,6 +1,6 @@
 """Messages with transforms in formats of other projects, each in a file: bytes in, rows out.
 
-`decoder_of` gives the decoder of a format that a server may be told to ingest; recordings find
+`decoder_of` gives the decoder of a format that a server can ingest; recordings find
 theirs by the schemas and encodings that their files name (`recordings/decoders.py`).
 """
 

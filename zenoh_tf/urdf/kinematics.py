@@ -14,7 +14,7 @@ Thread safety: `JointTransforms` is used by one thread at a time.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,6 +45,16 @@ class FrameNames:
         return (
             link if link in self._shared or link.startswith(self._prefix) else self._prefix + link
         )
+
+
+def link_of(frame: str, links: Container[str]) -> str | None:
+    """Return the link that a frame is named after, with any prefix; None if it is none of these.
+
+    A robot's prefix ends with a slash, but a link's own name may have some, too: the longest fits.
+    """
+    parts = frame.split("/")
+    names = ("/".join(parts[start:]) for start in range(len(parts)))
+    return next((name for name in names if name in links), None)
 
 
 #: No prefix.

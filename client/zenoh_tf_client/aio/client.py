@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf.gate import Gate
+from zenoh_tf.gates.gate import Gate
 
 from ..client import TransformClient
 from ..mirror.mirror import Mirror

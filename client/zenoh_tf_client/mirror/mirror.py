@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf import Dropped, LatestTransform, StampedTransform, wire
 from zenoh_tf._zenoh.calls import raise_if_forked
-from zenoh_tf.gate import Gate
+from zenoh_tf.gates.gate import Gate
 
 from ..requests import lookups
 from ..requests.receipt import Receipt

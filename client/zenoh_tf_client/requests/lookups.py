@@ -22,13 +22,13 @@ from zenoh_tf import (
     wire,
 )
 from zenoh_tf._core import pack_single_lookup, parse_single_answer
+from zenoh_tf.clouds.points import Sweep
 from zenoh_tf.errors import (
     InvalidArgumentException,
     ProtocolError,
     TransformException,
 )
 from zenoh_tf.gap_limit import max_gap_ns
-from zenoh_tf.points import Sweep
 from zenoh_tf.shared_tree import AskServer, SharedTree
 from zenoh_tf.velocity import interval_ns
 

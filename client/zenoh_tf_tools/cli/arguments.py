@@ -6,9 +6,10 @@ import argparse
 import shutil
 import textwrap
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from zenoh_tf.text.flag_values import whole
+from zenoh_tf.text.flag_values import number, whole
 from zenoh_tf.text.time_flags import LIVE_TIMES, MAX_DURATION_S, duration, live_time
 
 
@@ -115,4 +116,31 @@ def add_listen(parser: argparse.ArgumentParser, port: int, note: str) -> None:
         type=whole(1, 65_535),
         default=port,
         help=f"port to listen on (default {port}; {note})",
+    )
+
+
+def add_scene(
+    parser: argparse.ArgumentParser, axes_m: float | None, axes_default: str = ""
+) -> None:
+    """Add what is drawn of a tree: the frame that stands still, the axes, the shapes of robots."""
+    parser.add_argument(
+        "--fixed",
+        metavar="FRAME",
+        help="the frame that stands still (default: the root of most frames)",
+    )
+    parser.add_argument(
+        "--axes",
+        metavar="M",
+        type=number(0.001, 1e6),
+        default=axes_m,
+        help=f"length of the frames' axes in metres (default: {axes_default or axes_m})",
+    )
+    parser.add_argument(
+        "--urdf",
+        metavar="FILE",
+        type=Path,
+        action="append",
+        default=[],
+        help="draw the shapes of this robot at the frames of its links, whatever prefix they "
+        "have; may be given several times",
     )

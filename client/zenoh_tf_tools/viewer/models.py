@@ -11,6 +11,7 @@ import viser
 from numpy.typing import NDArray
 
 from zenoh_tf import Transform
+from zenoh_tf.urdf.kinematics import link_of
 from zenoh_tf.urdf.visuals import Mesh, Shape, Solid, Visual
 from zenoh_tf_tools.viewer.placement import Placement, array_of
 from zenoh_tf_tools.viewer.scene import Node, linear
@@ -132,12 +133,7 @@ class Models:
         return np.concatenate(found)
 
     def _models_of(self, frame: str) -> Sequence[Model]:
-        """A robot's prefix ends with a slash, but a link's own name may have some, too."""
-        parts = frame.split("/")
-        for start in range(len(parts)):
-            if models := self._models.get("/".join(parts[start:])):
-                return models
-        return ()
+        return self._models.get(link_of(frame, self._models) or "", ())
 
 
 def _mesh(shape: Shape) -> Any:

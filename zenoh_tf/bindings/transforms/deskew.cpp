@@ -1,4 +1,4 @@
-// Tree._deskew, and the same from poses that were looked up before: see zenoh_tf/points.py.
+// Tree._deskew, and the same from poses that were looked up before: see zenoh_tf/clouds/points.py.
 //
 // GIL: kept while the motion is copied out of the tree, as by every single lookup; released for
 // the points, if there are many.

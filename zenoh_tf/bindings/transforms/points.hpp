@@ -56,8 +56,8 @@ std::optional<PointArray> points_of(const Array& array) {
   return points;
 }
 
-// Arrays of sweeps, already brought to the shape (rows, columns, 3) by zenoh_tf/points.py. Raises
-// for others.
+// Arrays of sweeps, already brought to the shape (rows, columns, 3) by zenoh_tf/clouds/points.py.
+// Raises for others.
 PointArray checked_points(const AnyConstArray& array, const char* field);
 PointArray checked_output(const AnyArray& array, const PointArray& points);
 

@@ -14,7 +14,7 @@ from zenoh_tf.text import printable
 from zenoh_tf.text.flag_values import number
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
-from zenoh_tf_tools.cli.arguments import Commands
+from zenoh_tf_tools.cli.arguments import Commands, add_scene
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.progress import Progress
 from zenoh_tf_tools.cli.show.view import recorded
@@ -57,24 +57,7 @@ def add(commands: Commands) -> None:
         default=50.0,
         help="instants a second of FILE, or most samples a second of a live link (default 50)",
     )
-    rerun.add_argument(
-        "--fixed", metavar="FRAME", help="the frame that stands still (default: the root of most)"
-    )
-    rerun.add_argument(
-        "--axes",
-        metavar="M",
-        type=number(0.001, 1e6),
-        default=0.1,
-        help="length of the frames' axes in metres (default 0.1)",
-    )
-    rerun.add_argument(
-        "--urdf",
-        metavar="FILE",
-        type=Path,
-        action="append",
-        default=[],
-        help="draw the shapes of this robot at the frames of its links, whatever prefix they have",
-    )
+    add_scene(rerun, 0.1)
 
 
 def _rerun(args: argparse.Namespace) -> int:

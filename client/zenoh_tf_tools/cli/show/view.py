@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zenoh_tf.text import printable
-from zenoh_tf.text.flag_values import number, whole
+from zenoh_tf.text.flag_values import whole
 from zenoh_tf.text.time_flags import RECORDED_TIMES, recorded_time
 from zenoh_tf.urdf.visuals import read_visuals
 from zenoh_tf_tools.cli import output
 from zenoh_tf_tools.cli import recorded as recordings
-from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen
+from zenoh_tf_tools.cli.arguments import Commands, add_duration, add_listen, add_scene
 from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.observations import watch
 from zenoh_tf_tools.cli.progress import Progress
@@ -55,20 +55,9 @@ def add(commands: Commands) -> None:
         type=recorded_time,
         help=f"where to begin in FILE: {RECORDED_TIMES} (default: its first stamp)",
     )
-    view.add_argument(
-        "--fixed",
-        metavar="FRAME",
-        help="the frame that stands still (default: the root of most frames)",
-    )
     add_duration(view, "--stale", "mark links without a sample for this long (default 1s)", 1.0)
     help_ = "how long trails go back (default 10s; of a recording: to its begin)"
     add_duration(view, "--trail", help_)
-    view.add_argument(
-        "--axes",
-        metavar="M",
-        type=number(0.001, 1e6),
-        help="length of the frames' axes in metres (default: one that fits the tree and the zoom)",
-    )
     view.add_argument(
         "--max-frames",
         metavar="N",
@@ -76,20 +65,8 @@ def add(commands: Commands) -> None:
         default=1000,
         help="most frames that are drawn (default 1000); the page says how many more there are",
     )
-    _add_urdf(view)
+    add_scene(view, None, "one that fits the tree and the zoom")
     add_listen(view, 8080, "if it is in use, the next free one")
-
-
-def _add_urdf(view: argparse.ArgumentParser) -> None:
-    view.add_argument(
-        "--urdf",
-        metavar="FILE",
-        type=Path,
-        action="append",
-        default=[],
-        help="draw the shapes of this robot at the frames of its links, whatever prefix they "
-        "have; may be given several times",
-    )
 
 
 def _view(args: argparse.Namespace) -> int:

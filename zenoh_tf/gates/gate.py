@@ -13,7 +13,7 @@ from zenoh_tf._core import StampedTransform
 from zenoh_tf.array import TransformArray
 from zenoh_tf.errors import ServiceException, TimeoutException, TransformException
 from zenoh_tf.gap_limit import max_gap_ns
-from zenoh_tf.gate_queue import (
+from zenoh_tf.gates.queue import (
     EARLY_S,
     PAUSE_S,
     FirstError,

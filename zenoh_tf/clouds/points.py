@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from zenoh_tf import _core, sweep_times
+from zenoh_tf import _core
+from zenoh_tf.clouds import sweep_times
 from zenoh_tf.errors import (
     BY_CODE,
     ExtrapolationException,
