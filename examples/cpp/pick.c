@@ -40,7 +40,7 @@ static int run(z_owned_session_t* session, const char* folder) {
     int attempts = 10;
     do {
       code = pick(transaction, stamp_ns, &error); /* ZTF_CONFLICT: what it has read was changed */
-    } while (code == ZTF_CONFLICT && --attempts > 0);
+    } while ((code == ZTF_CONFLICT || code == ZTF_SERVER_BUSY) && --attempts > 0);
   }
   if (code == ZTF_OK)
     puts("the gripper holds the object");

@@ -69,6 +69,11 @@ struct ServerException : TransformException {
 
 namespace detail {
 
+// Whether a transaction failed for the writes of others, so that another attempt may succeed.
+inline bool disturbed(ztf_code code) noexcept {
+  return code == ZTF_CONFLICT || code == ZTF_SERVER_BUSY;
+}
+
 [[noreturn]] inline void raise(const ztf_error& error) {
   switch (error.code) {
     case ZTF_LOOKUP:
@@ -321,8 +326,9 @@ class Tree {
     });
   }
   // Runs body(transaction), and then stores what it has set, if all that it has looked up still
-  // holds. Else it does so again, up to `attempts` times, and then throws ConflictException. An
-  // exception of the body ends the transaction without storing anything.
+  // holds. Else, or if others wrote while it read (ZTF_SERVER_BUSY), it does so again, up to
+  // `attempts` times in all, and then throws the last ConflictException or ServerException. Any
+  // other exception of the body ends the transaction without storing anything.
   template <class Body>
   void transact(Body&& body, Name authority = "", bool is_static = false, int attempts = 10) {
     for (int pause_us = 1;; pause_us = std::min(2 * pause_us, 10000)) {
@@ -331,15 +337,15 @@ class Tree {
       error.size = sizeof error;
       try {
         body(transaction);
-      } catch (const ConflictException&) {
-        if (--attempts <= 0) throw;
+      } catch (const TransformException& failed) {
+        if (!detail::disturbed(failed.code()) || --attempts <= 0) throw;
         detail::pause(pause_us);
         continue;
       }
       const ztf_code code = ztf_transaction_commit(transaction.transaction_.get(), authority,
                                                    is_static ? ZTF_STATIC : 0, &error);
       if (code == ZTF_OK) return;
-      if (code != ZTF_CONFLICT || --attempts <= 0) detail::raise(error);
+      if (!detail::disturbed(code) || --attempts <= 0) detail::raise(error);
       detail::pause(pause_us);
     }
   }
