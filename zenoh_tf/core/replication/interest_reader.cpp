@@ -2,6 +2,7 @@
 #include "replication/interest_reader.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <string>
 
 #include "base/rejected.hpp"
@@ -11,7 +12,11 @@ namespace ztf {
 
 namespace {
 
+// A read that takes longer than the time between two commits fails each time, and the more there is
+// to read, the longer it takes. So attempts that have taken this long in all are enough: a mirror
+// that waits for its first copy would give up before 32 of long histories.
 constexpr int kOptimisticReads = 32;
+constexpr auto kOptimisticTime = std::chrono::milliseconds(20);
 
 }  // namespace
 
@@ -22,8 +27,11 @@ bool InterestReader::has_changed() const {
 
 InterestReader::Result InterestReader::read(bool with_all, std::size_t max_frames) {
   const std::lock_guard lock(mutex_);
-  for (int attempt = 0; attempt < kOptimisticReads; ++attempt)
+  const auto until = std::chrono::steady_clock::now() + kOptimisticTime;
+  int attempts = kOptimisticReads;
+  do {
     if (std::optional<Result> result = try_read(with_all, max_frames)) return std::move(*result);
+  } while (--attempts > 0 && std::chrono::steady_clock::now() < until);
   return read_locked(with_all, max_frames);
 }
 
