@@ -92,12 +92,14 @@ from zenoh.handlers import FifoChannel
 from zenoh_tf._net import zenoh_config
 session = zenoh.open(zenoh_config.router([sys.argv[1]]))
 asked = session.declare_queryable("asked", FifoChannel(8))
+threading.Thread(target=lambda: list(session.get("asked")), daemon=True).start()
 class Late:
+    def __init__(self, query):
+        self.query, self.sleep = query, time.sleep
     def __del__(self):
-        time.sleep(1)
-late = Late()
-threading.Thread(target=lambda: list(session.get("asked", timeout=0.3)), daemon=True).start()
-time.sleep(0.1)
+        self.query.drop()
+        self.sleep(20)
+sys.late = Late(asked.recv())  # the thread is in Zenoh until this is deleted, with `sys`, at the end
 """
     done = run(script, free_endpoint())
     assert done.returncode == -signal.SIGABRT, done.stderr
