@@ -3,8 +3,9 @@
 It listens as a mirror does, and records what the mirror's copy is made of: a snapshot with the
 static links and the history that the server has, then every commit's samples. The feed's thread
 only puts them into a queue; a thread of the recorder writes them, and flushes the file twice a
-second. After a gap in the stream, or when the server is another, the feed takes a new snapshot, and
-so does the file: samples that are recorded twice change no answer.
+second. Commits that the snapshot shows already come after it once more, and are left out. After a
+gap in the stream, or when the server is another, the feed takes a new snapshot, and so does the
+file: samples that are recorded twice change no answer.
 
     MirrorFeed ──> Recorder.begin, load, apply ──> queue ──> thread ──> RecordingWriter
 
@@ -21,13 +22,14 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zenoh_tf import TransformTree, threads, wire
 from zenoh_tf._core import TransformRows
 from zenoh_tf.errors import InvalidArgumentException
 from zenoh_tf.mirrors.feed import MirrorFeed
 from zenoh_tf.recordings.writer import RecordingWriter
-from zenoh_tf.wire.samples import CLEARED, REMOVED
+from zenoh_tf.wire.samples import CLEARED, REMOVED, STATIC
 from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
@@ -88,6 +90,8 @@ class Recorder:
         self._seq = 0  # of the last commit that is recorded
         self._plan: tuple[str, int] | None = None  # instance and number of an unfinished snapshot
         self._snapshot: list[bytes] = []  # its pieces
+        #: Of its frames, until the stream is as new as the newest of them.
+        self._versions: dict[str, int] = {}
         self._thread = threads.start("recorder", self._write)
         self._feed = MirrorFeed(MirrorSource(client.connection), self._on_copy, observer=self)
 
@@ -134,9 +138,10 @@ class Recorder:
         self._seq = max(self._seq, message.last)
         assert message.changes is not None
         changes = wire.Changes(message.changes)
-        self.counters.removals += int(np.isin(changes.kind, (CLEARED, REMOVED)).sum())
+        is_new = self._is_new(changes, message.last)
+        self.counters.removals += int((is_new & np.isin(changes.kind, (CLEARED, REMOVED))).sum())
         samples = wire.samples_of_changes(changes)
-        chosen = np.flatnonzero(samples.has_parent)
+        chosen = np.flatnonzero(samples.has_parent & is_new[changes.kind <= STATIC])
         rows, static = samples.rows(chosen), samples.static[chosen]
         log_ns = time.time_ns()
         # Split where static and dynamic samples meet: a link may be the one and then the other.
@@ -145,6 +150,15 @@ class Recorder:
             if begin < end:
                 item = _Item(log_ns, bool(static[begin]), rows[begin:end])
                 self._put(item, may_wait=False)
+
+    def _is_new(self, changes: wire.Changes, last: int) -> NDArray[np.bool_]:
+        """(n,) False for changes, of commits up to `last`, that the snapshot shows already."""
+        if not self._versions:
+            return np.ones(len(changes.version), np.bool_)
+        have = np.array([self._versions.get(name, 0) for name in changes.names], np.uint64)
+        if last >= max(self._versions.values()):
+            self._versions.clear()
+        return changes.version > have[changes.frame]
 
     def _on_copy(self, tree: TransformTree | None, instance: str) -> None:
         """The feed has a new copy of the tree, so the snapshot is complete; None at the end."""
@@ -162,10 +176,15 @@ class Recorder:
         else:
             self.counters.missed_commits += max(0, seq - self._seq)
         self._instance, self._seq, self._plan = instance, seq, None
-        pieces, self._snapshot = self._snapshot, []
-        if not pieces:
+        frames, self._snapshot = [wire.Frames(piece) for piece in self._snapshot], []
+        if not frames:
             return
-        static, histories = _rows_of(pieces)
+        self._versions = {
+            each.names[name]: version
+            for each in frames
+            for name, version in zip(each.frame.tolist(), each.version.tolist(), strict=True)
+        }
+        static, histories = _rows_of(frames)
         count = len(histories)
         times = np.full(count, time.time_ns())
         if is_first:
@@ -241,12 +260,12 @@ class Recorder:
         self.counters.static += count if item.static else 0
 
 
-def _rows_of(pieces: list[bytes]) -> tuple[TransformRows, TransformRows]:
+def _rows_of(snapshot: list[wire.Frames]) -> tuple[TransformRows, TransformRows]:
     """The static links of a snapshot, and all other samples by their stamps."""
     static: list[TransformRows] = []
     dynamic: list[TransformRows] = []
-    for piece in pieces:
-        samples = wire.samples_of_frames(wire.Frames(piece))
+    for frames in snapshot:
+        samples = wire.samples_of_frames(frames)
         for parts, chosen in ((static, samples.static), (dynamic, ~samples.static)):
             parts.append(samples.rows(np.flatnonzero(samples.has_parent & chosen)))
     histories = TransformRows.join(dynamic)

@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,7 +26,9 @@ from tests.support.recorded import RUN, needs_recording, questions
 from tests.support.waiting import wait_until
 from zenoh_tf import LatestTransform, LookupException, StampedTransform, Transform, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
+from zenoh_tf.recordings.writer import RecordingWriter
 from zenoh_tf_client import TransformClient
+from zenoh_tf_tools.recorder import Recorder
 
 from .conftest import document, refusal
 
@@ -151,6 +154,46 @@ def test_history_statics_and_every_commit(
     assert read_with_rosbags(recorder.path) == [
         (message.topic, rows(message.rows)) for message in messages
     ]
+
+
+def record(path: Path, tf: TransformClient) -> None:
+    """Record the history and what is then written at least ten times."""
+    recorder = Recorder(tf, RecordingWriter(path, {}))
+    recorder.wait_for_copy(TIMEOUT_S)
+    count = recorder.counters.transforms
+    wait_until(lambda: recorder.counters.transforms > count + 20)
+    recorder.close()
+
+
+def test_nothing_is_recorded_twice(server: ServerProcess, tmp_path: Path) -> None:
+    """The snapshot shows commits that the stream brings after it."""
+    paths, stop = [tmp_path / f"{number}.mcap" for number in range(12)], threading.Event()
+    with server.connect() as sensor, server.connect() as tf:
+
+        def write() -> None:
+            for stamp_ns in itertools.count(10**9):
+                if stop.is_set():
+                    return
+                names = ["b", "c"]
+                sensor.set_transforms_xact(
+                    [StampedTransform("a", n, stamp_ns, pose(1)) for n in names]
+                )
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        try:
+            for path in paths:
+                record(path, tf)
+        finally:
+            stop.set()
+            writer.join()
+    for path in paths:
+        tree = TransformTree.from_recording(path)
+        for name in ("b", "c"):
+            facts = tree.frame(name)
+            assert facts.oldest_stamp_ns is not None and facts.newest_stamp_ns is not None
+            span = facts.newest_stamp_ns - facts.oldest_stamp_ns + 1
+            assert (facts.samples, facts.rewritten) == (span, 0)  # nothing is missing, either
 
 
 def test_record_replay_and_the_same_answers(

@@ -99,7 +99,7 @@ class Late:
     def __del__(self):
         self.query.drop()
         self.sleep(20)
-sys.late = Late(asked.recv())  # the thread is in Zenoh until this is deleted, with `sys`, at the end
+sys.late = Late(asked.recv())  # the thread is in Zenoh until this is deleted, at the very end
 """
     done = run(script, free_endpoint())
     assert done.returncode == -signal.SIGABRT, done.stderr
