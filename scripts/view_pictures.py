@@ -262,6 +262,13 @@ def press(page: Page, text: str) -> None:
     page.wait_for_timeout(2000)
 
 
+def slide(page: Page, label: str, value: float) -> None:
+    """Set the number beside a slider of the panel."""
+    number = page.locator(f"//label[text()='{label}']/following::input[@type='text'][1]")
+    number.fill(str(value))
+    number.press("Enter")
+
+
 def photograph(page: Page, name: str) -> None:
     """Photograph the page for `save`."""
     page.wait_for_timeout(3000)
@@ -309,7 +316,7 @@ def draw(page: Page, phone: Page, folder: Path) -> None:
     with serving(swing) as endpoint, shown(page, "--connect", endpoint, "--trail", "2s"):
         page.wait_for_timeout(8000)
         photograph(page, "view-live.png")
-        page.get_by_label("live").first.click(force=True)
+        slide(page, "time [s]", -3.0)
         photograph(page, "view-paused.png")
     fleet(folder / "fleet.mcap")
     with shown(page, folder / "fleet.mcap", "--at", "+3s"):

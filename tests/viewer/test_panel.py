@@ -162,6 +162,28 @@ def test_a_live_tree_pauses(viewer: Viewer, tree: Tree) -> None:
     assert "at 5.000 s" in viewer.panel.status.content
 
 
+def test_a_live_tree_is_shown_as_it_was_some_seconds_ago(viewer: Viewer, tree: Tree) -> None:
+    tree.set("map", "base", 1)
+    tree.time_ns = 50 * S
+    step(viewer)
+    clock = viewer.panel.clock
+    assert clock._slider.value == 0 and clock.running
+    clock._slider.value = -2.5  # what a person does
+    tree.time_ns = 51 * S
+    step(viewer)
+    assert not clock.running  # it does not go on
+    assert "at 47.500 s" in viewer.panel.status.content
+    clock._slider.value = -1.0
+    step(viewer)
+    assert "at 49.000 s" in viewer.panel.status.content
+    clock._steps.append(-1)
+    step(viewer)
+    assert "at 48.900 s" in viewer.panel.status.content and clock._slider.value == -1.1
+    clock.play.value = True
+    step(viewer)
+    assert "at 51.000 s" in viewer.panel.status.content and clock._slider.value == 0
+
+
 def test_a_paused_picture_stays_when_the_server_forgets_its_time(
     viewer: Viewer, tree: Tree
 ) -> None:

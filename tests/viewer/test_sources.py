@@ -69,6 +69,8 @@ def test_a_paused_live_tree_shows_the_past(client: TransformClient, mirror: Mirr
     # No further than there are samples.
     assert source.step_ns(["base"], now_ns, -1) == now_ns
     assert source.step_ns(["base"], now_ns + S, 1) == now_ns + S
+    assert source.step_ns(["base"], now_ns - 5 * S, 0) == now_ns
+    assert source.step_ns(["base"], now_ns + 5 * S, 0) == now_ns + S
     assert source.step_ns(["base"], at_ns, -1) == at_ns - round(S / 11)
     assert source.step_ns(["base"], at_ns, 1) == at_ns + round(S / 11)
     client.set_transform(StampedTransform("dock", "base", now_ns + 2 * S, Transform()))

@@ -70,7 +70,7 @@ class LiveSource:
         return newest_ns + int((time.monotonic() - self._newest_since_s) * 1e9)
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
-        """One period of the fastest link on, no further than the links have samples."""
+        """So many periods of the fastest link on, no further than the links have samples."""
         frames = [frame for name in names if (frame := self._find(name)) and not frame.static]
         rates = [frame.rate_hz for frame in frames if frame.rate_hz]
         period_ns = round(1e9 / max(rates)) if rates else _STEP_NS

@@ -75,7 +75,8 @@ class ViewedTree(Protocol):
 
     def step_ns(self, names: Sequence[str], time_ns: int, step: int) -> int:
         """The time of the next sample of these frames, or if `step` is -1 of the one before, in
-        nanoseconds; `time_ns` itself if there is none."""
+        nanoseconds; `time_ns` itself if there is none. Of a live tree, `step` 0 is the nearest
+        time that has samples."""
 
     def spans_ns(self, name: str) -> list[tuple[int, int]]:
         """The times between which a frame has samples without a long pause, in nanoseconds; none
