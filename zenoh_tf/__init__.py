@@ -4,6 +4,7 @@ This package has the embedded tree, and the types that client and server share.
 ``zenoh_tf_client`` has the same interface on a connection to a server.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 try:
@@ -45,9 +46,6 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf.estimate import EstimateArray
-from zenoh_tf.gates.gate import Gate
-from zenoh_tf.gates.queue import Dropped, Passed
-from zenoh_tf.introspection.explanation import Explanation, LinkReport
 from zenoh_tf.introspection.frame_info import (
     AuthorityInfo,
     ClientInfo,
@@ -60,15 +58,27 @@ from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
 if TYPE_CHECKING:
+    from zenoh_tf.gates.gate import Gate
+    from zenoh_tf.gates.queue import Dropped, Passed
+    from zenoh_tf.introspection.explanation import Explanation, LinkReport
+
     __version__: str
 else:
+    # What many programs need not wait for.
+    _LATER = {
+        "Dropped": "zenoh_tf.gates.queue",
+        "Explanation": "zenoh_tf.introspection.explanation",
+        "Gate": "zenoh_tf.gates.gate",
+        "LinkReport": "zenoh_tf.introspection.explanation",
+        "Passed": "zenoh_tf.gates.queue",
+    }
 
-    def __getattr__(name: str) -> str:
-        if name != "__version__":
+    def __getattr__(name: str) -> object:
+        if name == "__version__":
+            return import_module("importlib.metadata").version("zenoh-tf")
+        if name not in _LATER:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from importlib.metadata import version  # noqa: PLC0415 - slow
-
-        return version("zenoh-tf")
+        return getattr(import_module(_LATER[name]), name)
 
 
 def __dir__() -> list[str]:

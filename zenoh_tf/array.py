@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from zenoh_tf import _core, notebook
+from zenoh_tf import _core
 from zenoh_tf._core import Transform
 from zenoh_tf.clouds.points import output_like, readable, real_numbers
 from zenoh_tf.errors import BY_CODE, InvalidArgumentException, TransformException
@@ -273,6 +273,8 @@ class TransformArray:
         return f"TransformArray({summary(self.status, self.targets, self.sources)})"
 
     def _repr_html_(self) -> str:
+        from zenoh_tf import notebook  # noqa: PLC0415 - most programs need none
+
         return notebook.of_array(self)
 
     def frames_of(self, row: int) -> tuple[str | None, str | None]:

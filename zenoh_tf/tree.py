@@ -5,15 +5,12 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any, Literal
 
-from zenoh_tf import _core, notebook
+from zenoh_tf import _core
 from zenoh_tf.array import TransformArray
 from zenoh_tf.clouds.points import Sweep, SweepOptions, deskew
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.gap_limit import max_gap_ns
-from zenoh_tf.gates.gate import Gate
-from zenoh_tf.introspection import explain as explaining
-from zenoh_tf.introspection.explanation import Explanation
 from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
@@ -24,7 +21,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+    from zenoh_tf.gates.gate import Gate
     from zenoh_tf.gates.queue import Dropped
+    from zenoh_tf.introspection.explanation import Explanation
 
 
 class TransformTree(TreeEstimates):
@@ -324,6 +323,8 @@ class TransformTree(TreeEstimates):
         Example:
             ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns); print(gate.get())``
         """
+        from zenoh_tf.gates.gate import Gate  # noqa: PLC0415 - most programs need none
+
         return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     def frame(self, name: str) -> FrameInfo:
@@ -365,6 +366,8 @@ class TransformTree(TreeEstimates):
         *,
         recorded: bool = False,
     ) -> Explanation:
+        from zenoh_tf.introspection import explain as explaining  # noqa: PLC0415 - slow
+
         records = self._ancestor_records(target, source, stamp_ns)
         frames = [FrameInfo.from_record(record) for record in records]
         names = () if explaining.is_connected(target, source, frames) else self.frames()
@@ -389,4 +392,6 @@ class TransformTree(TreeEstimates):
         return [AuthorityInfo(**record) for record in self._authority_records()]
 
     def _repr_html_(self) -> str:
+        from zenoh_tf import notebook  # noqa: PLC0415 - most programs need none
+
         return notebook.of_tree(self)

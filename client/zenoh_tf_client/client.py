@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.zenoh_config import address
-from zenoh_tf.gates.gate import Gate
 from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
@@ -27,6 +25,9 @@ from .writes import Writes
 
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+    from zenoh_tf import Dropped
+    from zenoh_tf.gates.gate import Gate
 
 T = TypeVar("T")
 
@@ -193,6 +194,8 @@ class TransformClient(Introspection, Writes):
         Example:
             ``with tf.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
+        from zenoh_tf.gates.gate import Gate  # noqa: PLC0415 - most programs need none
+
         return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     @property

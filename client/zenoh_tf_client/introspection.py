@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
+from typing import TYPE_CHECKING
+
+from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.errors import LookupException, ServerStarting
-from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
 from .lookups import Lookups
 from .requests import info
 from .session.mapped_tree import MappedTree
+
+if TYPE_CHECKING:
+    from zenoh_tf import Explanation
 
 
 class Introspection(Lookups):
@@ -54,6 +58,8 @@ class Introspection(Lookups):
 
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
+        from zenoh_tf.introspection import explain as explaining  # noqa: PLC0415 - slow
+
         ancestors = self._tree.ancestors
         frames = self._look_up(ancestors, info.ancestors, target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else self.frames()

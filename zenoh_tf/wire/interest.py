@@ -3,7 +3,6 @@ docs/reference/protocol.md)."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -38,6 +37,8 @@ class Interest:
     @property
     def id(self) -> str:
         """Names the stream."""
+        import hashlib  # noqa: PLC0415 - it loads OpenSSL, which is slow
+
         pairs = [list(pair) for pair in self.pairs]
         data: bytes = msgpack.packb([pairs, self.period_ns, self.delay_ns])
         return hashlib.blake2b(data, digest_size=_ID_BYTES).hexdigest()

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from zenoh_tf import Dropped
 from zenoh_tf._net.credentials import Credentials
-from zenoh_tf.gates.gate import Gate
 
 from ..client import TransformClient
 from ..mirror.mirror import Mirror
@@ -27,6 +25,9 @@ from .writes import AsyncWrites
 
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+    from zenoh_tf import Dropped
+    from zenoh_tf.gates.gate import Gate
 
 T = TypeVar("T")
 
@@ -200,6 +201,8 @@ class AsyncTransformClient(AsyncIntrospection, AsyncWrites):
         Example:
             ``async for image, transform in tf.gate("map"): show(image, transform.transform)``
         """
+        from zenoh_tf.gates.gate import Gate  # noqa: PLC0415 - most programs need none
+
         return Gate(self._blocking, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     async def mirror(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
+from typing import TYPE_CHECKING
+
+from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.errors import LookupException, ServerStarting
-from zenoh_tf.introspection import explain as explaining
 from zenoh_tf.shared_tree import AskServer
 
 from ..requests import info
 from ..session.mapped_tree import MappedTree
 from .lookups import AsyncLookups
+
+if TYPE_CHECKING:
+    from zenoh_tf import Explanation
 
 
 class AsyncIntrospection(AsyncLookups):
@@ -52,6 +56,8 @@ class AsyncIntrospection(AsyncLookups):
 
     async def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
         """As `TransformTree.explain`."""
+        from zenoh_tf.introspection import explain as explaining  # noqa: PLC0415 - slow
+
         ancestors = self._tree.ancestors
         frames = await self._look_up(ancestors, info.ancestors, target, source, stamp_ns)
         names = [] if explaining.is_connected(target, source, frames) else await self.frames()

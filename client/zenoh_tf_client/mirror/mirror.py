@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from zenoh_tf import Dropped, LatestTransform, StampedTransform, wire
+from zenoh_tf import LatestTransform, StampedTransform, wire
 from zenoh_tf._zenoh.calls import raise_if_forked
-from zenoh_tf.gates.gate import Gate
 
 from ..requests import lookups
 from ..requests.receipt import Receipt
@@ -20,6 +19,9 @@ from .transaction import MirrorTransaction
 
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+    from zenoh_tf import Dropped
+    from zenoh_tf.gates.gate import Gate
 
 T = TypeVar("T")
 
@@ -175,6 +177,8 @@ class Mirror(BaseMirror):
         Example:
             ``with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
         """
+        from zenoh_tf.gates.gate import Gate  # noqa: PLC0415 - most programs need none
+
         return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
