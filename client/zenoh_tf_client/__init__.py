@@ -7,10 +7,6 @@ from zenoh_tf._net.credentials import Credentials
 
 from .batch import Batch
 from .client import TransformClient
-from .mirror.interest import OutsideInterest
-from .mirror.mirror import Mirror
-from .mirror.watch import Watch
-from .mirror.watching import PoseEvent
 from .publish.broadcaster import Broadcaster
 from .requests.handle import Handle
 from .requests.receipt import Receipt
@@ -22,12 +18,20 @@ if TYPE_CHECKING:
     from .aio.batch import AsyncBatch
     from .aio.client import AsyncTransformClient
     from .aio.transaction import AsyncTransaction
+    from .mirror.interest import OutsideInterest
+    from .mirror.mirror import Mirror
+    from .mirror.watch import Watch
+    from .mirror.watching import PoseEvent
 else:
-    # What a program without asyncio need not wait for.
+    # What a program without asyncio or mirrors need not wait for.
     _LATER = {
         "AsyncBatch": "zenoh_tf_client.aio.batch",
         "AsyncTransaction": "zenoh_tf_client.aio.transaction",
         "AsyncTransformClient": "zenoh_tf_client.aio.client",
+        "Mirror": "zenoh_tf_client.mirror.mirror",
+        "OutsideInterest": "zenoh_tf_client.mirror.interest",
+        "PoseEvent": "zenoh_tf_client.mirror.watching",
+        "Watch": "zenoh_tf_client.mirror.watch",
         "__version__": "zenoh_tf",
     }
 

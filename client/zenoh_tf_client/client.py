@@ -7,13 +7,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from zenoh_tf._net.credentials import Credentials
 from zenoh_tf._net.zenoh_config import address
-from zenoh_tf.mirrors.interest import interest_of
 
 from .batch import Batch
 from .introspection import Introspection
-from .mirror.mirror import Mirror
-from .mirror.watch import Watch
-from .mirror.watching import Terms
 from .publish.broadcaster import Broadcaster
 from .requests.receipt import Receipt
 from .session import environment
@@ -28,6 +24,9 @@ if TYPE_CHECKING:
 
     from zenoh_tf import Dropped
     from zenoh_tf.gates.gate import Gate
+
+    from .mirror.mirror import Mirror
+    from .mirror.watch import Watch
 
 T = TypeVar("T")
 
@@ -315,6 +314,10 @@ class TransformClient(Introspection, Writes):
         Example:
             ``with tf.mirror() as m: print(m.lookup_transform("map", "base"))``
         """
+        from zenoh_tf.mirrors.interest import interest_of  # noqa: PLC0415 - most programs need none
+
+        from .mirror.mirror import Mirror  # noqa: PLC0415
+
         interest = interest_of(pairs, max_delay_s, max_rate_hz)
         return Mirror(self._connection, self._mapped, timeout_s, interest)
 
@@ -354,6 +357,9 @@ class TransformClient(Introspection, Writes):
         Example:
             ``for event in tf.watch("map", "base"): print(event.pose)``
         """
+        from .mirror.watch import Watch  # noqa: PLC0415 - most programs need none
+        from .mirror.watching import Terms  # noqa: PLC0415
+
         terms = Terms(min_translation_m, min_rotation_rad, heartbeat_s)
         mirror = self.mirror([(target, source)], max_rate_hz=max_rate_hz)
         return Watch(mirror, target, source, terms)
