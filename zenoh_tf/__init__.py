@@ -46,14 +46,6 @@ from zenoh_tf.errors import (
     TransformException,
 )
 from zenoh_tf.estimate import EstimateArray
-from zenoh_tf.introspection.frame_info import (
-    AuthorityInfo,
-    ClientInfo,
-    FrameChange,
-    FrameInfo,
-    Replacement,
-    TimeJump,
-)
 from zenoh_tf.tree import TransformTree
 from zenoh_tf.velocity import Velocity
 
@@ -61,16 +53,30 @@ if TYPE_CHECKING:
     from zenoh_tf.gates.gate import Gate
     from zenoh_tf.gates.queue import Dropped, Passed
     from zenoh_tf.introspection.explanation import Explanation, LinkReport
+    from zenoh_tf.introspection.frame_info import (
+        AuthorityInfo,
+        ClientInfo,
+        FrameChange,
+        FrameInfo,
+        Replacement,
+        TimeJump,
+    )
 
     __version__: str
 else:
     # What many programs need not wait for.
     _LATER = {
+        "AuthorityInfo": "zenoh_tf.introspection.frame_info",
+        "ClientInfo": "zenoh_tf.introspection.frame_info",
         "Dropped": "zenoh_tf.gates.queue",
         "Explanation": "zenoh_tf.introspection.explanation",
+        "FrameChange": "zenoh_tf.introspection.frame_info",
+        "FrameInfo": "zenoh_tf.introspection.frame_info",
         "Gate": "zenoh_tf.gates.gate",
         "LinkReport": "zenoh_tf.introspection.explanation",
         "Passed": "zenoh_tf.gates.queue",
+        "Replacement": "zenoh_tf.introspection.frame_info",
+        "TimeJump": "zenoh_tf.introspection.frame_info",
     }
 
     def __getattr__(name: str) -> object:

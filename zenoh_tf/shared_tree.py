@@ -21,13 +21,14 @@ from zenoh_tf._core import AskServer, RegionRefused
 from zenoh_tf.array import TransformArray
 from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.gap_limit import max_gap_ns
-from zenoh_tf.introspection.frame_info import FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
+
+    from zenoh_tf.introspection.frame_info import FrameInfo
 
 __all__ = ["AskServer", "RegionRefused", "SharedTree"]
 
@@ -99,6 +100,8 @@ class SharedTree(_core.SharedTree):
 
     def frame(self, name: str) -> FrameInfo | AskServer:
         """As `TransformTree.frame`."""
+        from zenoh_tf.introspection.frame_info import FrameInfo  # noqa: PLC0415 - slow
+
         record = self._frame_record(name)
         return record if isinstance(record, AskServer) else FrameInfo.from_record(record)
 
@@ -116,6 +119,8 @@ class SharedTree(_core.SharedTree):
         Raises:
             InvalidArgumentException: A name or the stamp is invalid.
         """
+        from zenoh_tf.introspection.frame_info import FrameInfo  # noqa: PLC0415 - slow
+
         records = self._ancestor_records(target, source, stamp_ns)
         if isinstance(records, AskServer):
             return records

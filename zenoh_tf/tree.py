@@ -11,7 +11,6 @@ from zenoh_tf.clouds.points import Sweep, SweepOptions, deskew
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.estimate import TreeEstimates
 from zenoh_tf.gap_limit import max_gap_ns
-from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
 from zenoh_tf.velocity import Velocity, interval_ns
 
 if TYPE_CHECKING:
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from zenoh_tf.gates.gate import Gate
     from zenoh_tf.gates.queue import Dropped
     from zenoh_tf.introspection.explanation import Explanation
+    from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
 
 
 class TransformTree(TreeEstimates):
@@ -337,6 +337,8 @@ class TransformTree(TreeEstimates):
             LookupException: The frame does not exist.
             InvalidArgumentException: The name is invalid.
         """
+        from zenoh_tf.introspection.frame_info import FrameInfo  # noqa: PLC0415 - slow
+
         return FrameInfo.from_record(self._frame_record(name))
 
     def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
@@ -367,6 +369,7 @@ class TransformTree(TreeEstimates):
         recorded: bool = False,
     ) -> Explanation:
         from zenoh_tf.introspection import explain as explaining  # noqa: PLC0415 - slow
+        from zenoh_tf.introspection.frame_info import FrameInfo  # noqa: PLC0415
 
         records = self._ancestor_records(target, source, stamp_ns)
         frames = [FrameInfo.from_record(record) for record in records]
@@ -389,6 +392,8 @@ class TransformTree(TreeEstimates):
 
     def authorities(self) -> list[AuthorityInfo]:
         """Return what each authority has done, in the order of their first commits."""
+        from zenoh_tf.introspection.frame_info import AuthorityInfo  # noqa: PLC0415 - slow
+
         return [AuthorityInfo(**record) for record in self._authority_records()]
 
     def _repr_html_(self) -> str:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.shared_tree import AskServer
 
@@ -15,7 +14,7 @@ from .requests import info
 from .session.mapped_tree import MappedTree
 
 if TYPE_CHECKING:
-    from zenoh_tf import Explanation
+    from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
 
 
 class Introspection(Lookups):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
 from zenoh_tf.errors import LookupException, ServerStarting
 from zenoh_tf.shared_tree import AskServer
 
@@ -13,7 +12,7 @@ from ..session.mapped_tree import MappedTree
 from .lookups import AsyncLookups
 
 if TYPE_CHECKING:
-    from zenoh_tf import Explanation
+    from zenoh_tf import AuthorityInfo, ClientInfo, Explanation, FrameInfo
 
 
 class AsyncIntrospection(AsyncLookups):

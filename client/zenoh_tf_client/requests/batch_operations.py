@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from numpy.typing import ArrayLike
 
 from zenoh_tf import (
-    AuthorityInfo,
     Estimate,
     EstimateArray,
-    FrameInfo,
     LatestTransform,
     StampedTransform,
     TransformArray,
@@ -22,6 +20,9 @@ from zenoh_tf import (
 from . import estimates, info, lookups, writes
 from .handle import Handle
 from .request import Request
+
+if TYPE_CHECKING:
+    from zenoh_tf import AuthorityInfo, FrameInfo
 
 T = TypeVar("T")
 

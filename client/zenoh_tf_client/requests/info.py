@@ -5,18 +5,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
-from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo, wire
+from zenoh_tf import wire
 from zenoh_tf.errors import ProtocolError
-from zenoh_tf.introspection.frame_info import PARTS, FramePart
 
 from . import columns
 from .request import Call, Request
 
-R = TypeVar("R", AuthorityInfo, ClientInfo)
+if TYPE_CHECKING:
+    from zenoh_tf import AuthorityInfo, ClientInfo, FrameInfo
+    from zenoh_tf.introspection.frame_info import FramePart
+
+R = TypeVar("R", "AuthorityInfo", "ClientInfo")
 
 #: A page costs the server a few milliseconds.
 _FRAMES_PER_PAGE: Final = 20_000
@@ -80,6 +83,8 @@ def ancestors(target: str, source: str, stamp_ns: int | None) -> Request[list[Fr
 
 
 def _frame_info(value: Any) -> FrameInfo:
+    from zenoh_tf.introspection.frame_info import PARTS, FrameInfo  # noqa: PLC0415 - slow
+
     record = _record(value, FrameInfo)
     for field, kind in PARTS.items():
         if record.get(field) is not None:
@@ -88,10 +93,14 @@ def _frame_info(value: Any) -> FrameInfo:
 
 
 def authorities() -> Request[list[AuthorityInfo]]:
+    from zenoh_tf import AuthorityInfo  # noqa: PLC0415 - slow
+
     return _records("authorities", AuthorityInfo)
 
 
 def clients() -> Request[list[ClientInfo]]:
+    from zenoh_tf import ClientInfo  # noqa: PLC0415 - slow
+
     return _records("clients", ClientInfo)
 
 
