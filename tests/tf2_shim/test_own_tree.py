@@ -164,6 +164,21 @@ def test_the_nearest_time_where_links_have_none_in_common() -> None:
     assert not buffer.can_transform("map", "arm", 0, nearest_s=9)
 
 
+def test_the_nearest_times_of_a_lookup_at_two(buffer: tf2.Buffer) -> None:
+    """The pose of the base at 6.5 s in the base at 0.5 s, by its samples at 6 s and 1 s."""
+    lookup = "base", 0.5, "base", 6.5, "map"
+    got = buffer.lookup_transform_full(*lookup, nearest_s=0.5)
+    assert (got.header.stamp, x_of(got)) == (tf2.Time(1), 50.0)
+    message = tf2.PointStamped(tf2.Header(tf2.Time(seconds=6.5), "base"))
+    assert buffer.transform_full(message, "base", 0.5, "map", nearest_s=0.5).point.x == 50.0
+    assert buffer.lookup_transform_full("base", 0.5, "base", 0, "map", nearest_s=0.5)
+    with pytest.raises(tf2.ExtrapolationException):
+        buffer.lookup_transform_full(*lookup)
+    with pytest.raises(tf2.ExtrapolationException):
+        buffer.lookup_transform_full(*lookup, nearest_s=0.4)
+    assert not buffer.can_transform_full(*lookup, nearest_s=0.4)
+
+
 def test_the_nearest_time_at_a_server(shim: Any) -> None:
     buffer = zenoh_tf_client.tf2.Buffer()
     buffer.set_transform(link("map", "base", 1, (1.0, 0.0, 0.0)), "")
@@ -187,6 +202,8 @@ def test_the_nearest_time_is_used_after_the_time_out(buffer: tf2.Buffer) -> None
 def test_what_is_no_tolerance(buffer: tf2.Buffer, nearest: Any) -> None:
     with pytest.raises(tf2.InvalidArgumentException, match="nearest_s"):
         buffer.lookup_transform("map", "base", 2.0, nearest_s=nearest)
+    with pytest.raises(tf2.InvalidArgumentException, match="nearest_s"):
+        buffer.lookup_transform_full("base", 1.0, "base", 2.0, "map", nearest_s=nearest)
 
 
 # --- recordings

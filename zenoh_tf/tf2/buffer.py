@@ -8,7 +8,7 @@ from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from zenoh_tf import TransformTree
+from zenoh_tf import StampedTransform, TransformTree
 from zenoh_tf.errors import (
     MAY_SUCCEED_LATER,
     ExtrapolationException,
@@ -201,16 +201,8 @@ class Buffer(BufferInterface):
         Raises:
             TransformException: The lookup failed; see the class.
         """
-        stamp, gap = stamp_ns(time), self._gap(max_gap_s)
-        within_ns = max_gap_ns(nearest_s, -1, "nearest_s")
-        lookup = self._source.tree().lookup_transform
-        look_up = functools.partial(lookup, target_frame, source_frame, max_gap_s=gap)
-        try:
-            return message_of(look_up(stamp, seconds(timeout)))
-        except ExtrapolationException as error:
-            if nearest_s is None or stamp is None:
-                raise
-            return message_of(look_up_nearest(look_up, stamp, error, within_ns))
+        lookup = target_frame, source_frame, stamp_ns(time), seconds(timeout)
+        return message_of(self._look_up(*lookup, self._gap(max_gap_s), _within_ns(nearest_s)))
 
     def lookup_transform_full(
         self,
@@ -222,6 +214,7 @@ class Buffer(BufferInterface):
         timeout: Any = NO_WAIT,
         *,
         max_gap_s: float | None = None,
+        nearest_s: float | None = None,
     ) -> TransformStamped:
         """Look up the pose of a frame at one time in another frame at another time.
 
@@ -233,16 +226,29 @@ class Buffer(BufferInterface):
             fixed_frame: The frame that is assumed not to move between the two times.
             timeout: How long to wait for writes that make the lookup succeed.
             max_gap_s: As of the class, for this lookup.
+            nearest_s: As of `lookup_transform`, for each of the two times. Then two lookups answer,
+                between which the tree may change.
 
         Returns:
-            ``X_target_source`` between the two times, stamped `target_time`.
+            ``X_target_source`` between the two times, stamped with the one that was used for the
+            target.
 
         Raises:
             TransformException: The lookup failed; see the class.
         """
         times, gap = (stamp_ns(target_time), stamp_ns(source_time)), self._gap(max_gap_s)
+        within_ns = _within_ns(nearest_s)
         lookup = target_frame, times[0], source_frame, times[1], fixed_frame, seconds(timeout)
-        return message_of(self._source.tree().lookup_transform_full(*lookup, max_gap_s=gap))
+        try:
+            return message_of(self._source.tree().lookup_transform_full(*lookup, max_gap_s=gap))
+        except ExtrapolationException:
+            if within_ns < 0:
+                raise
+        to = self._look_up(target_frame, fixed_frame, times[0], 0.0, gap, within_ns)
+        of = self._look_up(fixed_frame, source_frame, times[1], 0.0, gap, within_ns)
+        X_target_source = to.transform @ of.transform
+        found = StampedTransform(target_frame, source_frame, to.stamp_ns, X_target_source)
+        return message_of(found)
 
     def can_transform(
         self,
@@ -356,8 +362,32 @@ class Buffer(BufferInterface):
         """Return one sentence for each frame that has a parent."""
         return frames_text.as_string(self._source.frames())
 
+    def _look_up(
+        self,
+        target: str,
+        source: str,
+        stamp: int | None,
+        wait_s: float,
+        gap: float | None,
+        within_ns: int,
+    ) -> StampedTransform:
+        """Look up at a time, or the one nearest to it; see `lookup_transform`."""
+        tree = self._source.tree()
+        look_up = functools.partial(tree.lookup_transform, target, source, max_gap_s=gap)
+        try:
+            return look_up(stamp, wait_s)
+        except ExtrapolationException as error:
+            if within_ns < 0 or stamp is None:
+                raise
+            return look_up_nearest(look_up, stamp, error, within_ns)
+
     def _gap(self, max_gap_s: float | None) -> float | None:
         return self._max_gap_s if max_gap_s is None else max_gap_s
+
+
+def _within_ns(nearest_s: float | None) -> int:
+    """Return the tolerance of a lookup in nanoseconds; negative if it has none."""
+    return max_gap_ns(nearest_s, -1, "nearest_s")
 
 
 def _attempt(lookup: Callable[[], TransformStamped]) -> tuple[bool, str]:
