@@ -57,8 +57,8 @@ static void check_write_skew(Concurrency c, bool create) {
       together.arrive_and_wait();
       // In every other round the new frame is only a parent: the commit stores no sample in it.
       const bool parent_only = create && round % 2;
-      const Code code = parent_only ? w.refusal({{mine, mine + "c", round}}, {.reads = reads})
-                                    : w.refusal({{"root", mine, round}}, {.reads = reads});
+      const Set link = parent_only ? Set{mine, mine + "c", round} : Set{"root", mine, round};
+      const Code code = w.refusal({link}, {.reads = reads});
       CHECK(code == Code::ok || code == Code::conflict);
       if (code == Code::ok) ++passed_now;
       together.arrive_and_wait();
