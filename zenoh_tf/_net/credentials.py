@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import stat
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidArgumentException
@@ -96,7 +95,7 @@ def check_readable(path: FilePath, field: str) -> None:
         InvalidArgumentException: It cannot; `field` is as given.
     """
     try:
-        with Path(path).open("rb"):
+        with open(path, "rb"):
             pass
     except OSError as error:
         raise InvalidArgumentException(
@@ -113,7 +112,7 @@ def check_private(path: FilePath, field: str) -> None:
         InvalidArgumentException: It cannot, or others can; `field` is as given.
     """
     check_readable(path, field)
-    mode = stat.S_IMODE(Path(path).stat().st_mode)
+    mode = stat.S_IMODE(os.stat(path).st_mode)
     if mode & _OTHERS_MAY:
         raise InvalidArgumentException(
             f"the {field} file '{path}' has mode {mode:04o}, so that other users can read or "
@@ -131,7 +130,8 @@ def read_password(path: FilePath) -> str:
     """
     check_private(path, "password_file")
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidArgumentException(
             f"the password_file '{path}' is not text in UTF-8", field="password_file"

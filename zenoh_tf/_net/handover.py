@@ -14,7 +14,6 @@ import stat
 import struct
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from zenoh_tf import wire
@@ -47,16 +46,17 @@ class Offer:
 def boot_id() -> str:
     """Identifies this host since its last start; empty if the system does not say."""
     try:
-        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        with open("/proc/sys/kernel/random/boot_id", encoding="utf-8") as file:
+            return file.read().strip()
     except OSError:
         return ""
 
 
-def default_folders() -> list[Path]:
+def default_folders() -> list[str]:
     """Where servers put their sockets by default: the first one that can be made."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    own = [Path(runtime) / "zenoh-tf"] if runtime and os.path.isabs(runtime) else []
-    return [*own, Path("/run/zenoh-tf")]
+    own = [os.path.join(runtime, "zenoh-tf")] if runtime and os.path.isabs(runtime) else []
+    return [*own, "/run/zenoh-tf"]
 
 
 def message(
@@ -120,7 +120,8 @@ def _greeting(
     default folders are searched for the socket as well.
     """
     paths = [offer.socket]
-    paths += [str(folder / Path(offer.socket).name) for folder in default_folders()]
+    name = os.path.basename(offer.socket)
+    paths += [os.path.join(folder, name) for folder in default_folders()]
     path = next((path for path in paths if _is_socket(path)), offer.socket)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as peer:
         payload, fd = _receive(peer, path, timeout_s)

@@ -13,7 +13,6 @@ import socket
 import stat
 import struct
 from collections.abc import Collection
-from pathlib import Path
 from typing import Final
 
 _ROOT: Final = 0
@@ -28,7 +27,7 @@ class NotTrusted(OSError):
         super().__init__(errno.EPERM, reason)
 
 
-def check_folder(folder: Path, owners: Collection[int]) -> None:
+def check_folder(folder: str | os.PathLike[str], owners: Collection[int]) -> None:
     """Check that only root and `owners` can replace a socket in a folder, or a folder above it.
 
     Where the sticky bit is set, as in /tmp, others may add names, but replace none.
@@ -37,14 +36,16 @@ def check_folder(folder: Path, owners: Collection[int]) -> None:
         NotTrusted: Others can.
         OSError: The folder cannot be examined.
     """
-    real = Path(os.path.realpath(folder))
-    for each in (real, *real.parents):
-        status = each.stat()
+    each = os.path.realpath(folder)
+    above = ""
+    while each != above:
+        status = os.stat(each)
         mode = stat.S_IMODE(status.st_mode)
         if status.st_uid != _ROOT and status.st_uid not in owners:
             raise NotTrusted(f"{each} belongs to another user (uid {status.st_uid})")
         if mode & _WRITABLE and not mode & stat.S_ISVTX:
             raise NotTrusted(f"others may write to {each} (mode {mode:04o}): chmod go-w {each}")
+        each, above = os.path.dirname(each), each
 
 
 def check_peer(peer: socket.socket, path: str) -> None:
@@ -55,8 +56,8 @@ def check_peer(peer: socket.socket, path: str) -> None:
         NotTrusted: It is not.
         OSError: The folder cannot be examined.
     """
-    folder = Path(path).parent
-    owners = {os.geteuid(), folder.stat().st_uid}
+    folder = os.path.dirname(path) or "."
+    owners = {os.geteuid(), os.stat(folder).st_uid}
     check_folder(folder, owners)
     # Of the process that listens, whatever became of the name since.
     _, user, _ = _PEER.unpack(peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))

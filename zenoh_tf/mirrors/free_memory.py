@@ -16,7 +16,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-from pathlib import Path
 from typing import Final
 
 from .. import unix
@@ -26,7 +25,7 @@ from ..threads import Periodic
 _INTERVAL_S: Final = 2.0
 #: Growth after which free memory is given back.
 _GROWTH_BYTES: Final = 32 << 20
-_STATM: Final = Path("/proc/self/statm")
+_STATM: Final = "/proc/self/statm"
 _HEAPS_OPTION: Final = -8  # of glibc's malloc.h
 #: glibc makes 8 heaps for each core, and shares them out among threads. Each keeps the
 #: most that it ever held: 480 clients, killed 20 at a time, left 84 MB with 16 heaps, 76 with 4.
@@ -79,7 +78,7 @@ class FreeMemory(Periodic):
 
     def start(self) -> None:
         """Begin to watch the process's size."""
-        if _TRIM is not None and _STATM.exists():
+        if _TRIM is not None and os.path.exists(_STATM):
             self._least = resident_bytes()
             super().start()
 
@@ -119,4 +118,5 @@ def _set(option: int, variable: str, value: int) -> None:
 
 def resident_bytes() -> int:
     """The memory that this process has in use, of Linux."""
-    return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    with open(_STATM, encoding="utf-8") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")

@@ -203,7 +203,8 @@ class Sharing:
     def _folder(self) -> Path:
         """The folder of the socket, which is made if it does not exist."""
         settings = self._settings
-        folders = handover.default_folders() if settings.folder is None else [settings.folder]
+        default = map(Path, handover.default_folders())
+        folders = list(default) if settings.folder is None else [settings.folder]
         if settings.group is not None:  # no group can enter $XDG_RUNTIME_DIR
             folders = folders[-1:]
         failure: OSError | None = None
