@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -162,3 +163,21 @@ def test_a_thread_may_spin_the_node() -> None:
     wait_until(lambda: executors.spinning == [node])
     listener.unregister()
     wait_until(lambda: executors.spinning == [])
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: tf2.TransformListener(Node("robot"), tf2.Buffer()), "buffer"),
+        (lambda: tf2.TransformListener(Node("robot")), "buffer"),
+        (lambda: tf2.TransformListener(tf2.Buffer(), "robot"), "node"),
+        (lambda: tf2.TransformBroadcaster("robot"), "node"),
+        (lambda: tf2.StaticTransformBroadcaster(tf2.Buffer()), "node"),
+    ],
+)
+def test_what_is_no_buffer_or_node_is_refused(make: Callable[[], object], field: str) -> None:
+    with pytest.raises(
+        tf2.InvalidArgumentException, match=f"^{field} must be a .*, not "
+    ) as refusal:
+        make()
+    assert refusal.value.field == field

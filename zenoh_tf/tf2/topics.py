@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any, Final
 
 from zenoh_tf import StampedTransform
+from zenoh_tf.errors import must_be
 
 from .messages import fill, message_of
 
@@ -26,8 +27,12 @@ _statics: dict[str, StampedTransform] = {}  # the last of each child, for later 
 
 
 def is_node(node: Any) -> bool:
-    """Whether an object has topics."""
-    return hasattr(node, "create_subscription") and hasattr(node, "create_publisher")
+    """Whether an object has topics. It may lack them if it has a name; else it is no node."""
+    if hasattr(node, "create_subscription") and hasattr(node, "create_publisher"):
+        return True
+    if node is not None and not hasattr(node, "get_name"):
+        raise must_be("node", "a node of rclpy, or None", node)
+    return False
 
 
 def subscribe(

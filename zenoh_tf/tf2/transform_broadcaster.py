@@ -22,10 +22,12 @@ class TransformBroadcaster:
     Thread safety: all methods.
 
     Args:
-        node: A node of rclpy.
+        node: A node of rclpy. Without one, or with an object that has only a name (`get_name`), the
+            topics are the process's.
         qos: The quality of service of the node's topic; None for tf2's.
 
     Raises:
+        InvalidArgumentException: `node` has neither topics nor a name.
         ServerUnavailable: The process has called `connect`, and no server answers.
     """
 
@@ -35,6 +37,7 @@ class TransformBroadcaster:
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         server = self._server or sources.connected()
+        topics.is_node(node)  # raises
         if server is None:
             self._send = topics.publisher(node, qos, static=self._static)
         else:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from zenoh_tf import threads
-from zenoh_tf.errors import InvalidArgumentException, TransformException
+from zenoh_tf.errors import InvalidArgumentException, TransformException, must_be
 
 from . import topics
 from .buffer import Buffer, BufferInterface
@@ -19,8 +19,9 @@ log = logging.getLogger("zenoh_tf.tf2")
 class TransformListener:
     """Fills a buffer that has a tree of its own from the topics of a node, or of the process.
 
-    A node of rclpy receives from all of ROS. Without one, what the broadcasters of this process
-    send without a node arrives, in the thread that sends. If the buffer is on a server's tree, this
+    A node of rclpy receives from all of ROS. Without one, or with an object that has only a name
+    (`get_name`), what the broadcasters of this process send in the same way arrives, in the thread
+    that sends. If the buffer is on a server's tree, this
     does nothing, because the server receives the transforms of all publishers: no thread has to
     spin, so a lookup may wait in a callback.
 
@@ -37,8 +38,8 @@ class TransformListener:
         static_only: Receive static transforms only.
 
     Raises:
-        InvalidArgumentException: Another topic is asked for on a server's tree; `field` names the
-            argument.
+        InvalidArgumentException: Another topic is asked for on a server's tree, or `buffer` is no
+            buffer or `node` no node; `field` names the argument.
     """
 
     def __init__(
@@ -53,6 +54,9 @@ class TransformListener:
         tf_static_topic: str = topics.TF_STATIC,
         static_only: bool = False,
     ) -> None:
+        setters = hasattr(buffer, "set_transform") and hasattr(buffer, "set_transform_static")
+        if not setters and not isinstance(buffer, BufferInterface):
+            raise must_be("buffer", "a Buffer", buffer)
         self.buffer = buffer
         self.node = node
         self._ends: list[Callable[[], object]] = []
@@ -65,7 +69,7 @@ class TransformListener:
                         field=field,
                         value=topic,
                     )
-        elif hasattr(buffer, "set_transform"):
+        elif setters:
             if not static_only:
                 self._listen(tf_topic, qos, static=False)
             self._listen(tf_static_topic, static_qos, static=True)
