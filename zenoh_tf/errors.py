@@ -118,8 +118,8 @@ class LookupException(TransformException):
 
 
 class ConnectivityException(TransformException):
-    """Both frames exist, but no path connects them; ``target_root`` and ``source_root``
-    name their roots."""
+    """Both frames exist, but no path connects them; ``target_root`` and ``source_root`` name their
+    roots. If the server has just started, ``retry_after_s`` says when to ask again."""
 
     code = 3
 

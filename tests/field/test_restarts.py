@@ -18,7 +18,7 @@ from tests.processes.ports import free_endpoint
 from tests.processes.router_process import RouterProcess
 from tests.processes.servers import ServerProcess
 from tests.support.waiting import wait_until
-from zenoh_tf import LookupException, StampedTransform, Transform
+from zenoh_tf import ConnectivityException, LookupException, StampedTransform, Transform
 from zenoh_tf._net import keys, zenoh_config
 from zenoh_tf.errors import ServerStarting, ServerUnavailable
 from zenoh_tf_client import AsyncTransformClient, Mirror, TransformClient, tf2
@@ -72,6 +72,17 @@ ASK: dict[str, Callable[[Any, str], object]] = {
     "chain": lambda tf, name: tf.chain("map", name),
     "common time": lambda tf, name: tf.latest_common_time("map", name),
 }
+
+
+def test_links_that_may_come_back(reader: Reader, starting: ServerProcess) -> None:
+    """Of two publishers one is back already: both frames are there, and no path between them."""
+    with starting.connect() as tf:
+        tf.set_transform(link("mount", "camera"))
+    if isinstance(reader, Mirror):
+        reader.wait_for()
+    with pytest.raises(ConnectivityException, match="server was started .* ago") as raised:
+        reader.lookup_transform("map", "camera")
+    assert raised.value.retry_after_s
 
 
 @pytest.mark.parametrize("name", ["base_lnik", "rechter Arm é"])

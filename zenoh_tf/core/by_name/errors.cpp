@@ -100,6 +100,12 @@ std::string no_common_time(const Failure& f, const EndedLink& link, const Reject
          ns(link.newest) + ended(link.newest, f.oldest, real_time_ns(), failing, change);
 }
 
+// "the server was started ... ago".
+std::string was_started(Startup startup) {
+  return "the server was started " +
+         formatted("%.1f s", static_cast<double>(startup.elapsed_ns) * 1e-9) + " ago";
+}
+
 // Sets `frame`, code and message of the error of a frame that is not there.
 void set_unknown(Rejected& error, Startup startup, std::string_view name, const std::string& waited,
                  const std::string& suggestion) {
@@ -112,9 +118,7 @@ void set_unknown(Rejected& error, Startup startup, std::string_view name, const 
   }
   error.code = Code::starting;
   error.retry_after_s = kRetryAfterS;
-  error.message = "the server was started " +
-                  formatted("%.1f s", static_cast<double>(startup.elapsed_ns) * 1e-9) +
-                  " ago and has no " + frame + " yet" + waited +
+  error.message = was_started(startup) + " and has no " + frame + " yet" + waited +
                   ": its publisher may be coming back; try again, or wait with timeout_s";
 }
 
@@ -228,6 +232,10 @@ Rejected lookup_error(const AnyTree& tree, const Failure& f, std::string_view ta
     error.message = quoted(target) + " and " + quoted(source) + " are not connected" + at +
                     ": their roots are " + frame_text(error.target_root) + " and " +
                     frame_text(error.source_root) + waited;
+    if (const Startup startup = tree.startup(); !startup.is_over()) {
+      error.retry_after_s = kRetryAfterS;
+      error.message += "; " + was_started(startup) + ": the publisher of a link may be coming back";
+    }
   } else {
     set_extrapolation(tree, f, note, latest, waited, error);
   }
