@@ -80,7 +80,7 @@ def test_links_that_may_come_back(reader: Reader, starting: ServerProcess) -> No
         tf.set_transform(link("mount", "camera"))
     if isinstance(reader, Mirror):
         reader.wait_for()
-    with pytest.raises(ConnectivityException, match="server was started .* ago") as raised:
+    with pytest.raises(ConnectivityException, match=r"server was started .* ago") as raised:
         reader.lookup_transform("map", "camera")
     assert raised.value.retry_after_s
 
