@@ -344,9 +344,11 @@ waits = [buffer.wait_for_transform_async("port", "never", Time()) for _ in range
 """
 
 WAITS_AFTER_A_FORK = """
-import os
+import os, warnings
 from zenoh_tf.tf2 import Buffer, Header, Time, TransformStamped
 
+# Python 3.12 warns of every fork beside threads.
+warnings.simplefilter("ignore", DeprecationWarning)
 buffer = Buffer()
 buffer.set_transform(TransformStamped(Header(Time(1), "port"), "ship"), "")
 buffer.wait_for_transform_async("port", "ship", Time()).result(30)
