@@ -11,6 +11,7 @@ from zenoh_tf import _core
 from zenoh_tf._core import Transform
 from zenoh_tf.clouds.points import output_like, readable, real_numbers
 from zenoh_tf.errors import BY_CODE, InvalidArgumentException, TransformException
+from zenoh_tf.text.times import seconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -53,7 +54,8 @@ class TransformArray:
 
     Attributes:
         status: (n,) uint8, 0 or the code of an error (`zenoh_tf.errors.BY_CODE`).
-        stamps_ns: (n,) int64, the time of each answer in nanoseconds.
+        stamps_ns: (n,) int64, the time of each answer in nanoseconds; in rows that failed the time
+            that was asked for, or 0.
         poses: (n, 7) float64 rows x, y, z (metres), qx, qy, qz, qw; NaN in rows that failed.
         targets: The targets' names: one for all rows, or (n,); None if unknown.
         sources: The sources' names, in the same form.
@@ -71,6 +73,15 @@ class TransformArray:
     def __post_init__(self) -> None:
         if self.gaps_ns is None:
             object.__setattr__(self, "gaps_ns", np.zeros(len(self.status), np.int64))
+
+    @classmethod
+    def _answers(
+        cls, asked_ns: ArrayLike | None, status: Any, stamps_ns: Any, *columns: Any
+    ) -> TransformArray:
+        """Make one of a bulk lookup's columns, whose `stamps_ns` is 0 in rows that failed."""
+        if asked_ns is not None and np.count_nonzero(status):
+            stamps_ns = np.where(status, np.asarray(asked_ns, np.int64), stamps_ns)
+        return cls(status, stamps_ns, *columns)
 
     # Without this NumPy would treat `ndarray @ self` as a product of object arrays.
     __array_ufunc__ = None
@@ -97,7 +108,7 @@ class TransformArray:
 
         Raises:
             TransformException: A row failed; the class is that of the first failed row's error,
-                and the message names the row.
+                and the message names the row. A `lookup_transform` of that row says more.
         """
         if self.status.any():
             raise self._error(int(self.status.nonzero()[0][0]))
@@ -291,16 +302,24 @@ class TransformArray:
     def _error(self, row: int) -> TransformException:
         kind = BY_CODE.get(int(self.status[row]), TransformException)
         failed = int(np.count_nonzero(self.status))
+        rows = "row" if failed == 1 else "rows"
         target, source = self.frames_of(row)
-        pair = "" if target is None or source is None else f" ({source!r} in {target!r})"
-        reason = (kind.__doc__ or "").split(".")[0].split(";")[0].replace("``", "'")
+        stamp_ns = int(self.stamps_ns[row])
+        at = f" at {seconds(stamp_ns)} s" if stamp_ns else ""
+        asked, more = "", ""
+        if target is not None and source is not None:
+            asked = f" ({source!r} in {target!r}{at})"
+            more = "; lookup_transform of the row says more"
+        reason = " ".join((kind.__doc__ or "").split(".")[0].split(";")[0].split())
+        reason = reason.replace("``", "'")
         return kind(
-            f"row {row} of {len(self)}{pair} failed with {kind.__name__}: "
-            f"{reason[:1].lower()}{reason[1:]}; {failed} rows failed in all",
+            f"row {row} of {len(self)}{asked} failed with {kind.__name__}: "
+            f"{reason[:1].lower()}{reason[1:]}; {failed} {rows} failed in all{more}",
             field="status",
             value=row,
             target_frame=target,
             source_frame=source,
+            stamp_ns=stamp_ns or None,
         )
 
 

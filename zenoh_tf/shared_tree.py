@@ -67,7 +67,7 @@ class SharedTree(_core.SharedTree):
         if isinstance(columns, AskServer):
             return columns
         status, stamps, poses, gaps = columns
-        return TransformArray(status, stamps, poses, targets, sources, gaps)
+        return TransformArray._answers(stamps_ns, status, stamps, poses, targets, sources, gaps)
 
     def lookup_velocity(
         self,

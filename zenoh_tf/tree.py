@@ -151,7 +151,7 @@ class TransformTree(TreeEstimates):
                 rows differ.
         """
         status, stamps, poses, gaps = self._lookup_columns(targets, sources, stamps_ns, max_gap_s)
-        return TransformArray(status, stamps, poses, targets, sources, gaps)
+        return TransformArray._answers(stamps_ns, status, stamps, poses, targets, sources, gaps)
 
     def sample(
         self,

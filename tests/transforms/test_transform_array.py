@@ -19,6 +19,7 @@ from zenoh_tf import (
     TransformException,
     TransformTree,
 )
+from zenoh_tf.errors import BY_CODE
 
 Array = NDArray[np.float64]
 RNG = np.random.default_rng(11)
@@ -165,10 +166,27 @@ def test_rows_know_their_frames() -> None:
     with pytest.raises(ForwardExtrapolationException) as caught:
         many[2]
     assert str(caught.value) == (
-        "row 2 of 3 ('base' in 'map') failed with ForwardExtrapolationException: the requested "
-        "time is newer than the link's newest sample; 2 rows failed in all"
+        "row 2 of 3 ('base' in 'map' at 0.000000030 s) failed with ForwardExtrapolationException: "
+        "the requested time is newer than the link's newest sample; 2 rows failed in all; "
+        "lookup_transform of the row says more"
     )
     assert (caught.value.target_frame, caught.value.source_frame) == ("map", "base")
+    assert caught.value.stamp_ns == 30
+    assert (many.stamps_ns.tolist(), many.inverse()[2:].stamps_ns.tolist()) == ([10, 10, 30], [30])
+    latest = tree.lookup_transforms("map", ["base", "<b>"], None)
+    with pytest.raises(
+        LookupException, match=r"^row 1 of 2 \('<b>' in 'map'\).*; 1 row failed"
+    ) as one:
+        latest.raise_for_status()
+    assert one.value.stamp_ns is None
+
+
+@pytest.mark.parametrize("code", BY_CODE)
+def test_the_error_of_a_row_is_one_line(code: int) -> None:
+    with pytest.raises(
+        TransformException, match=r"^row 1 of 7 failed with [^\n`]*; 1 row failed in all$"
+    ):
+        random_array({1: code}).raise_for_status()
 
 
 def test_in_a_notebook() -> None:

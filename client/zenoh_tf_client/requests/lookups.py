@@ -222,7 +222,8 @@ def lookup_transforms(
 
     def convert(reply: wire.LookupReply) -> TransformArray:
         gaps = np.zeros(rows, np.int64) if reply.gap is None else reply.gap
-        return TransformArray(reply.status, reply.stamp, reply.pose, targets, sources, gaps)
+        found = reply.status, reply.stamp, reply.pose
+        return TransformArray._answers(stamps_ns, *found, targets, sources, gaps)
 
     return Rows(lookup, convert)
 
