@@ -45,6 +45,19 @@ def test_frames_with_a_prefix_keep_it(server: ServerProcess, start_peer: StartPe
         assert position(tf, "map", "robot5/base_link") == [1.0, 0.0, 0.0]
 
 
+def test_a_robot_that_no_rule_is_for(start_server: StartServer, start_peer: StartPeer) -> None:
+    server = start_server("--ros2", "--ros2-prefix", "namespace")
+    for namespace in ("", "robot5"):
+        peer = start_peer(server.endpoint)
+        peer.node("n", namespace)
+        drive(peer, 0.0)
+    with server.connect() as tf:
+        assert position(tf, "robot5/base_link", "robot5/laser") == [1.0, 0.0, 0.0]
+        assert position(tf, "base_link", "laser") == [1.0, 0.0, 0.0]
+    warnings = [line for line in server.log.splitlines() if "no --ros2-prefix is for" in line]
+    assert warnings and not [line for line in warnings if "robot5" in line]
+
+
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
 def test_prefixes_by_session(start_server: StartServer, start_peer: StartPeer, known: bool) -> None:
     """Equal robots, whose namespace and domain are the same; of one no token says who it is."""

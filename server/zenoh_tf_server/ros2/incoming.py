@@ -48,6 +48,7 @@ class Incoming:
         self._ingest = ingest
         self._limits = limits
         self._prefixes = Prefixes(settings.rules, settings.shared)
+        self._has_rules = bool(settings.rules)
         self._log = RateLimitedLog(logging.getLogger("zenoh_tf.server.ros2"))
         self._lock = threading.Lock()
         self._counts = {"ros2_messages": 0, "ros2_bad_keys": 0, "ros2_bad_attachments": 0}
@@ -151,7 +152,7 @@ class Incoming:
     def _decoder(self, source: TopicSource) -> Decode:
         max_rows = self._limits.rows
         try:
-            rename = self._prefixes.renamer(self._prefixes.prefix(source.topic, source.zid))
+            prefix = self._prefixes.prefix(source.topic, source.zid)
         except TransformException as error:
             refusal = error
 
@@ -159,6 +160,11 @@ class Incoming:
                 raise type(refusal)(str(refusal), **refusal.facts)
 
             return refuse
+
+        if self._has_rules and not prefix:
+            topic = f"ROS 2 topic {quoted(source.topic.path)}"
+            self._log.warn(topic, "no --ros2-prefix is for this robot: its frames get no prefix")
+        rename = self._prefixes.renamer(prefix)
 
         def decode(payload: bytes) -> TransformRows:
             return decode_tf_message(payload, max_rows, rename)
