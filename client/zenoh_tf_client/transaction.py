@@ -213,7 +213,7 @@ class Transaction:
         if self._instance not in (None, instance):
             raise ServerRestarted(
                 f"this transaction read from server instance {self._instance}, "
-                f"now {instance} serves",
+                f"now {instance} serves: run the transaction again",
                 value=instance,
             )
         self._instance = instance

@@ -111,6 +111,7 @@ def test_expiry_is_in_the_servers_clock(wires: Raw, client: TransformClient) -> 
 def test_a_write_for_another_instance_is_refused(wires: Raw, client: TransformClient) -> None:
     error = wires.error("commit", commit(instance="0" * 16))
     assert isinstance(error, ServerRestarted)
+    assert error.value == "0" * 16
     assert client.frames() == []
 
 

@@ -303,9 +303,9 @@ def test_transaction_over_a_restart(start_server: StartServer) -> None:
         server.kill()
         start_server(endpoint=server.endpoint)
         wait_for_frames(tf, [])
-        with pytest.raises(ServerRestarted):
+        with pytest.raises(ServerRestarted, match=r"run .* transaction again$"):
             reads_again.can_transform("map", "base")
-        with pytest.raises(ServerRestarted):
+        with pytest.raises(ServerRestarted, match=r"run .* transaction again$"):
             commits.commit()
         assert tf.frames() == []
 

@@ -110,11 +110,10 @@ class WriteOutcomes:
         """
         write = wire.parse_write(message)
         if write.instance is not None and write.instance != self._instance:
-            other = quoted(write.instance)
             raise ServerRestarted(
-                f"the write is for server instance {other}, but this is instance "
-                f"{self._instance}: it did not run; send it again to this one",
-                value=other,
+                f"the write is for server instance {quoted(write.instance)}, but this is instance "
+                f"{self._instance}: it did not run; send it again, or run its transaction again",
+                value=write.instance,
             )
         if write.id is None:
             reply_to(run(self._expiry(write.expires_ns, time.monotonic_ns()))[0], False)
