@@ -99,6 +99,21 @@ def test_a_negative_time_out_is_none(buffer: tf2.Buffer) -> None:
     assert buffer.can_transform("map", "nowhere", LATEST, lasting(-1)) is False
 
 
+def test_errors_name_the_shims_time_out(buffer: tf2.Buffer) -> None:
+    lookups: tuple[tuple[Any, tuple[Any, ...]], ...] = (
+        (buffer.lookup_transform, ("map", "base", at(3.5))),
+        (buffer.lookup_transform_full, ("map", at(3.5), "base", at(3.5), "map")),
+    )
+    for look_up, question in lookups:
+        with pytest.raises(tf2.ExtrapolationException, match="; pass timeout to wait for the next"):
+            look_up(*question)
+        with pytest.raises(tf2.InvalidArgumentException, match=r"^timeout must be ") as refusal:
+            look_up(*question, float("nan"))
+        assert refusal.value.field == "timeout"
+    with pytest.raises(tf2.LookupException, match="frame 'timeout_s' does not exist"):
+        buffer.lookup_transform("map", "timeout_s", LATEST)
+
+
 def test_travel_in_time(buffer: tf2.Buffer) -> None:
     """Where the base was at 1 s, seen from where it is at 3 s."""
     question = ("base", at(3), "base", at(1), "map")

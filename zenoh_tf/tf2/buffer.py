@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -13,6 +14,7 @@ from zenoh_tf.errors import (
     MAY_SUCCEED_LATER,
     ExtrapolationException,
     InvalidArgumentException,
+    TransformException,
 )
 from zenoh_tf.gap_limit import max_gap_ns
 
@@ -241,8 +243,9 @@ class Buffer(BufferInterface):
         lookup = target_frame, times[0], source_frame, times[1], fixed_frame, seconds(timeout)
         try:
             return message_of(self._source.tree().lookup_transform_full(*lookup, max_gap_s=gap))
-        except ExtrapolationException:
-            if within_ns < 0:
+        except TransformException as error:
+            _name_timeout(error)
+            if within_ns < 0 or not isinstance(error, ExtrapolationException):
                 raise
         to = self._look_up(target_frame, fixed_frame, times[0], 0.0, gap, within_ns)
         of = self._look_up(fixed_frame, source_frame, times[1], 0.0, gap, within_ns)
@@ -376,8 +379,9 @@ class Buffer(BufferInterface):
         look_up = functools.partial(tree.lookup_transform, target, source, max_gap_s=gap)
         try:
             return look_up(stamp, wait_s)
-        except ExtrapolationException as error:
-            if within_ns < 0 or stamp is None:
+        except TransformException as error:
+            _name_timeout(error)
+            if within_ns < 0 or stamp is None or not isinstance(error, ExtrapolationException):
                 raise
             return look_up_nearest(look_up, stamp, error, within_ns)
 
@@ -388,6 +392,13 @@ class Buffer(BufferInterface):
 def _within_ns(nearest_s: float | None) -> int:
     """Return the tolerance of a lookup in nanoseconds; negative if it has none."""
     return max_gap_ns(nearest_s, -1, "nearest_s")
+
+
+def _name_timeout(error: TransformException) -> None:
+    """Give a tree's error the name of the shim's argument, but not of a frame, which has quotes."""
+    error.args = (re.sub(r"(?<!')\btimeout_s\b", "timeout", str(error)),)
+    if error.field == "timeout_s":
+        error.field = "timeout"
 
 
 def _attempt(lookup: Callable[[], TransformStamped]) -> tuple[bool, str]:
