@@ -235,9 +235,17 @@ class TransformArray:
         """Return the table of `to_arrow` as a data frame of pandas.
 
         Raises:
-            ImportError: pyarrow or pandas is not installed.
+            ImportError: pyarrow or pandas is not installed: `pip install 'zenoh-tf[arrow]' pandas`.
         """
-        return self.to_arrow().to_pandas()
+        table = self.to_arrow()
+        try:
+            return table.to_pandas()
+        except ImportError as error:
+            raise ImportError(
+                f"data frames need pandas, which cannot be imported ({error}); "
+                "install it with: pip install pandas",
+                name="pandas",
+            ) from error
 
     def __len__(self) -> int:
         return len(self.status)

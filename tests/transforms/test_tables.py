@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import polars as pl
@@ -64,3 +67,27 @@ def test_data_frames(array: TransformArray) -> None:
     polar = pl.DataFrame(array)
     assert polar["stamp"].to_physical().to_list() == array.stamps_ns.tolist()
     assert polar["y"].null_count() == 1
+
+
+def test_pandas_that_is_missing() -> None:
+    """In a process of its own: pyarrow keeps a pandas that it has imported."""
+    script = """
+import sys
+from zenoh_tf import TransformTree
+
+class NoPandas:
+    def find_spec(self, name, *_):
+        if name == "pandas":
+            raise ModuleNotFoundError("No module named 'pandas'", name=name)
+
+sys.meta_path.insert(0, NoPandas())
+try:
+    TransformTree().sample("map", "base", [1]).to_pandas()
+except ImportError as error:
+    print(error.name, error)
+"""
+    ran = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert ran.stdout.startswith("pandas data frames need pandas, ")
+    assert ran.stdout.endswith("install it with: pip install pandas\n")
