@@ -1,8 +1,9 @@
 // tf2::BufferCore over a tree: of this process, or a server's. A node changes the type of its
 // buffer; with a server's tree it needs no listener, and keeps no copy of the transforms.
 //
-// For ROS 1 (tf2 0.7): needs tf2's headers, and not its library. Answers, the classes of exceptions
-// and their texts are tf2's. On purpose these differ:
+// For ROS 1 (tf2 0.7) and ROS 2 (Humble to Jazzy): needs tf2's headers, and not its library.
+// Answers, the classes of exceptions and their texts are tf2's. That of ROS 2 was compiled with a
+// statement of its signatures (tests/c_api/ros2), and with no ROS 2 yet. On purpose these differ:
 //  - setTransform() also returns false for an infinite number, and for a link that would close a
 //    cycle; a repeated stamp replaces the transform; nothing is logged.
 //  - A dynamic transform stamped 0 is one at time 0, not one to be ignored.
@@ -10,7 +11,8 @@
 //    and that of canTransform() at two times names each frame that does not exist once.
 //  - Of a server's tree, setTransform() returns false and clear() does nothing: the tree has other
 //    publishers. Callbacks of requests then come from a thread of the buffer, each millisecond.
-//  - Left out is what only tf::Transformer needs: numbers of frames, dot graphs, _chainAsVector().
+//  - Left out is what only tf::Transformer needs: numbers of frames, dot graphs, _chainAsVector();
+//    and ROS 2's lookupVelocity().
 //
 // Thread safety: every function, from any thread. Callbacks run without a lock of the buffer.
 #pragma once
@@ -31,23 +33,81 @@
 
 #include <tf2/buffer_core.h>
 #include <tf2/exceptions.h>
+#if __has_include(<geometry_msgs/msg/transform_stamped.hpp>)
+#define ZTF_TF2_OF_ROS2
+#include <geometry_msgs/msg/transform_stamped.hpp>
+#else
 #include <boost/signals2.hpp>
+#endif
 
 #include "zenoh_tf/zenoh_tf.hpp"
 
+// What tf2::X is where tf2 has no such kind of exception: it has them from Jazzy on.
+namespace zenoh_tf_kinds {
+typedef tf2::ExtrapolationException BackwardExtrapolationException, ForwardExtrapolationException,
+    NoDataForExtrapolationException;
+}
+namespace tf2 {
+using namespace zenoh_tf_kinds;
+}
+
 namespace zenoh_tf {
 
-class BufferCore {
+// What differs between ROS 1 and ROS 2.
+namespace ros_types {
+
+constexpr Stamp kSecond = 1000000000;
+// As tf2 does it.
+inline double seconds_of(Stamp stamp) {
+  return static_cast<double>(stamp / kSecond) + 1e-9 * static_cast<double>(stamp % kSecond);
+}
+#ifdef ZTF_TF2_OF_ROS2
+using tf2::Duration;
+typedef tf2::TimePoint Time;
+typedef geometry_msgs::msg::TransformStamped TransformStamped;
+typedef tf2::BufferCoreInterface Interface;
+constexpr bool kIsRos2 = true;
+typedef Time YamlTime;
+inline Duration seconds(int count) { return std::chrono::seconds(count); }
+inline Stamp ns_of(Duration duration) { return duration.count(); }
+inline Stamp ns_of(Time time) { return time.time_since_epoch().count(); }
+inline double seconds_of(Time time) { return seconds_of(ns_of(time)); }
+inline Stamp ns_of(const builtin_interfaces::msg::Time& t) { return t.sec * kSecond + t.nanosec; }
+inline void set(builtin_interfaces::msg::Time& time, Stamp stamp) {
+  time.nanosec = static_cast<std::uint32_t>((stamp % kSecond + kSecond) % kSecond);
+  time.sec = static_cast<std::int32_t>((stamp - time.nanosec) / kSecond);
+}
+#else
+using geometry_msgs::TransformStamped;
+using ros::Duration;
+using ros::Time;
+struct Interface {};
+constexpr bool kIsRos2 = false;
+typedef double YamlTime;
+inline double seconds_of(double seconds) { return seconds; }
+inline Duration seconds(int count) { return Duration(count); }
+inline Stamp ns_of(Duration duration) { return duration.toNSec(); }
+inline Stamp ns_of(Time time) { return static_cast<Stamp>(time.toNSec()); }
+inline void set(Time& time, Stamp stamp) { time.fromNSec(static_cast<std::uint64_t>(stamp)); }
+#endif
+
+}  // namespace ros_types
+
+class BufferCore : public ros_types::Interface {
  public:
+  typedef ros_types::Time Time;
+  typedef ros_types::Duration Duration;
+  typedef ros_types::TransformStamped TransformStamped;
+  static constexpr bool kIsRos2 = ros_types::kIsRos2;
   static const int DEFAULT_CACHE_TIME = 10;  // seconds
   static const std::uint32_t MAX_GRAPH_DEPTH = 1000UL;
   typedef tf2::BufferCore::TransformableCallback TransformableCallback;
 
-  explicit BufferCore(ros::Duration cache_time = ros::Duration(DEFAULT_CACHE_TIME))
+  explicit BufferCore(Duration cache_time = ros_types::seconds(DEFAULT_CACHE_TIME))
       : tree_(make_tree(cache_time)), is_own_(true), cache_time_(cache_time) {}
   // A server's tree. The cache time is that of the server.
   explicit BufferCore(Tree server_tree,
-                      ros::Duration cache_time = ros::Duration(DEFAULT_CACHE_TIME))
+                      Duration cache_time = ros_types::seconds(DEFAULT_CACHE_TIME))
       : tree_(std::move(server_tree)), is_own_(false), cache_time_(cache_time) {}
   virtual ~BufferCore() {
     {
@@ -64,13 +124,13 @@ class BufferCore {
     if (is_own_) tree_.clear();
   }
 
-  bool setTransform(const geometry_msgs::TransformStamped& transform, const std::string& authority,
+  bool setTransform(const TransformStamped& transform, const std::string& authority,
                     bool is_static = false) {
-    const geometry_msgs::Vector3& t = transform.transform.translation;
-    const geometry_msgs::Quaternion& q = transform.transform.rotation;
+    const auto& t = transform.transform.translation;
+    const auto& q = transform.transform.rotation;
     const ztf_transform row = {transform.header.frame_id.c_str(),
                                transform.child_frame_id.c_str(),
-                               ns_of(transform.header.stamp),
+                               ros_types::ns_of(transform.header.stamp),
                                {t.x, t.y, t.z, q.x, q.y, q.z, q.w}};
     std::int32_t stored = 0;
     if (ztf_set(tree_.get(), &row, authority.c_str(), is_static ? ZTF_STATIC : 0, &stored,
@@ -78,82 +138,76 @@ class BufferCore {
         !stored)
       return false;
     testTransformableRequests();
+#ifndef ZTF_TF2_OF_ROS2
     transforms_changed_();
+#endif
     return true;
   }
 
-  geometry_msgs::TransformStamped lookupTransform(const std::string& target_frame,
-                                                  const std::string& source_frame,
-                                                  const ros::Time& time) const {
+  TransformStamped lookupTransform(const std::string& target_frame, const std::string& source_frame,
+                                   const Time& time) const {
     if (target_frame == source_frame) return identity(target_frame, time);
     Answer answer;
     ztf_error error = new_error();
     if (ztf_lookup(tree_.get(), target_frame.c_str(), source_frame.c_str(), stamp_of(time), nullptr,
                    &answer, &error) == ZTF_OK)
       return message(target_frame, source_frame, answer);
-    validate("lookupTransform argument target_frame", target_frame);
-    validate("lookupTransform argument source_frame", source_frame);
+    validate({{"target", &target_frame}, {"source", &source_frame}});
     raise(error);
   }
 
-  geometry_msgs::TransformStamped lookupTransform(const std::string& target_frame,
-                                                  const ros::Time& target_time,
-                                                  const std::string& source_frame,
-                                                  const ros::Time& source_time,
-                                                  const std::string& fixed_frame) const {
+  TransformStamped lookupTransform(const std::string& target_frame, const Time& target_time,
+                                   const std::string& source_frame, const Time& source_time,
+                                   const std::string& fixed_frame) const {
     Answer answer;
     ztf_error error = new_error();
     if (ztf_lookup_full(tree_.get(), target_frame.c_str(), stamp_of(target_time),
                         source_frame.c_str(), stamp_of(source_time), fixed_frame.c_str(), nullptr,
                         &answer, &error) == ZTF_OK)
       return message(target_frame, source_frame, answer);
-    validate("lookupTransform argument target_frame", target_frame);
-    validate("lookupTransform argument source_frame", source_frame);
-    validate("lookupTransform argument fixed_frame", fixed_frame);
+    validate({{"target", &target_frame}, {"source", &source_frame}, {"fixed", &fixed_frame}});
     raise(error);
   }
 
   bool canTransform(const std::string& target_frame, const std::string& source_frame,
-                    const ros::Time& time, std::string* error_msg = nullptr) const {
+                    const Time& time, std::string* error_msg = nullptr) const {
     if (target_frame == source_frame) return true;
-    for (const std::string* name : {&target_frame, &source_frame})
-      if (!is_valid(*name)) return false;
     const bool exist = all_exist({{"target", &target_frame}, {"source", &source_frame}}, error_msg);
     return exist && can(target_frame, source_frame, time, error_msg);
   }
 
-  bool canTransform(const std::string& target_frame, const ros::Time& target_time,
-                    const std::string& source_frame, const ros::Time& source_time,
+  bool canTransform(const std::string& target_frame, const Time& target_time,
+                    const std::string& source_frame, const Time& source_time,
                     const std::string& fixed_frame, std::string* error_msg = nullptr) const {
-    for (const std::string* name : {&target_frame, &source_frame, &fixed_frame})
-      if (!is_valid(*name)) return false;
     const bool exist = all_exist(
         {{"target", &target_frame}, {"source", &source_frame}, {"fixed", &fixed_frame}}, error_msg);
     return exist && can(target_frame, fixed_frame, target_time, error_msg) &&
            can(fixed_frame, source_frame, source_time, error_msg);
   }
 
-  std::string allFramesAsYAML(double current_time) const {
+  std::string allFramesAsYAML(ros_types::YamlTime current_time) const {
+    const double now = ros_types::seconds_of(current_time);
     std::ostringstream text;
-    text.precision(3);
-    text << std::fixed;
+    text << std::fixed << std::setprecision(3);
+    const int digits = kIsRos2 ? 6 : 3;  // of stamps
     const std::vector<std::string> names = tree_.frames();
-    if (names.empty()) return "{}";
+    if (names.empty()) return kIsRos2 ? "[]" : "{}";
     for (const std::string& name : names) {
       ztf_frame_info info;
       if (!find_info(name, info) || info.samples == 0) continue;
       const bool is_static = (info.flags & ZTF_STATIC) != 0;  // whose times tf2 shows as 0
-      const double newest = is_static ? 0 : time_of(info.newest_stamp_ns).toSec();
-      const double oldest = is_static ? 0 : time_of(info.oldest_stamp_ns).toSec();
+      const double newest = is_static ? 0 : ros_types::seconds_of(info.newest_stamp_ns);
+      const double oldest = is_static ? 0 : ros_types::seconds_of(info.oldest_stamp_ns);
       text << name << ": \n  parent: '" << info.parent << "'\n  broadcaster: '" << info.authority
            << "'\n  rate: " << info.samples / std::max(newest - oldest, 0.0001)
-           << "\n  most_recent_transform: " << newest << "\n  oldest_transform: " << oldest << "\n";
-      if (current_time > 0) text << "  transform_delay: " << current_time - newest << "\n";
+           << std::setprecision(digits) << "\n  most_recent_transform: " << newest
+           << "\n  oldest_transform: " << oldest << std::setprecision(3) << "\n";
+      if (now > 0) text << "  transform_delay: " << now - newest << "\n";
       text << "  buffer_length: " << newest - oldest << "\n";
     }
     return text.str();
   }
-  std::string allFramesAsYAML() const { return allFramesAsYAML(0.0); }
+  std::string allFramesAsYAML() const { return allFramesAsYAML(ros_types::YamlTime()); }
 
   std::string allFramesAsString() const {
     std::string text;
@@ -165,6 +219,15 @@ class BufferCore {
     return text;
   }
 
+#ifdef ZTF_TF2_OF_ROS2
+  // Returns 0 if the transform is there already, and all bits if it can never come.
+  tf2::TransformableRequestHandle addTransformableRequest(const TransformableCallback& callback,
+                                                          const std::string& target_frame,
+                                                          const std::string& source_frame,
+                                                          Time time) {
+    return add_request({0, 0, callback, target_frame, source_frame, time});
+  }
+#else
   tf2::TransformableCallbackHandle addTransformableCallback(const TransformableCallback& callback) {
     const std::lock_guard<std::mutex> lock(mutex_);
     callbacks_[++last_callback_] = callback;
@@ -173,29 +236,23 @@ class BufferCore {
   void removeTransformableCallback(tf2::TransformableCallbackHandle handle) {
     const std::lock_guard<std::mutex> lock(mutex_);
     callbacks_.erase(handle);
-    erase_requests([&](const Request& request) { return request.callback == handle; });
+    erase_requests([&](const Request& request) { return request.handle == handle; });
   }
   // Returns 0 if the transform is there already, and all bits if it can never come.
   tf2::TransformableRequestHandle addTransformableRequest(tf2::TransformableCallbackHandle handle,
                                                           const std::string& target_frame,
                                                           const std::string& source_frame,
-                                                          ros::Time time) {
-    if (target_frame == source_frame) return 0;
-    const Request request = {0, handle, target_frame, source_frame, time};
-    const Outcome outcome = outcome_of(request);
-    if (outcome == Outcome::available) return 0;
-    if (outcome == Outcome::too_old) return ~tf2::TransformableRequestHandle{0};
-    tf2::TransformableRequestHandle number;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      requests_.push_back(request);
-      number = requests_.back().number = ++last_request_;
-      if (!is_own_ && !poller_.joinable()) poller_ = std::thread([this] { poll(); });
-    }
-    changed_.notify_all();
-    if (is_own_) testTransformableRequests();  // a transform may have come since
-    return number;
+                                                          Time time) {
+    return add_request({0, handle, {}, target_frame, source_frame, time});
   }
+  // Called after each setTransform().
+  boost::signals2::connection _addTransformsChangedListener(boost::function<void(void)> callback) {
+    return transforms_changed_.connect(callback);
+  }
+  void _removeTransformsChangedListener(boost::signals2::connection connection) {
+    connection.disconnect();
+  }
+#endif
   void cancelTransformableRequest(tf2::TransformableRequestHandle handle) {
     const std::lock_guard<std::mutex> lock(mutex_);
     erase_requests([&](const Request& request) { return request.number == handle; });
@@ -204,81 +261,71 @@ class BufferCore {
   void setUsingDedicatedThread(bool value) { using_dedicated_thread_ = value; }
   bool isUsingDedicatedThread() const { return using_dedicated_thread_; }
 
-  // Called after each setTransform().
-  boost::signals2::connection _addTransformsChangedListener(boost::function<void(void)> callback) {
-    return transforms_changed_.connect(callback);
-  }
-  void _removeTransformsChangedListener(boost::signals2::connection connection) {
-    connection.disconnect();
-  }
   bool _frameExists(const std::string& name) const {
     ztf_frame frame;
     return ztf_resolve(tree_.get(), name.c_str(), &frame, nullptr) == ZTF_OK;
   }
-  bool _getParent(const std::string& name, ros::Time time, std::string& parent) const {
+  bool _getParent(const std::string& name, Time time, std::string& parent) const {
     if (!_frameExists(name)) return false;
     const std::string found = tree_.parent(name, stamp_of(time));
     if (found.empty()) return false;
     parent = found;
     return true;
   }
+  std::vector<std::string> getAllFrameNames() const { return tree_.frames(); }
   void _getFrameStrings(std::vector<std::string>& names) const { names = tree_.frames(); }
-  ros::Duration getCacheLength() { return cache_time_; }
+  Duration getCacheLength() { return cache_time_; }
 
   // For functions of zenoh_tf.h and zenoh_tf.hpp.
   Tree& tree() noexcept { return tree_; }
 
  private:
+  typedef std::initializer_list<std::pair<const char*, const std::string*>> Names;
   enum class Outcome { available, too_old, may_come };
   struct Request {
     tf2::TransformableRequestHandle number;
-    tf2::TransformableCallbackHandle callback;
+    std::uint32_t handle;  // of the callback; 0 in ROS 2
+    TransformableCallback callback;
     std::string target, source;
-    ros::Time time;
+    Time time;
   };
 
-  static Tree make_tree(ros::Duration cache_time) {
+  static Tree make_tree(Duration cache_time) {
     Options options;
-    options.cache_time_ns = cache_time.toNSec();
+    options.cache_time_ns = ros_types::ns_of(cache_time);
     return Tree(options);
   }
-  static Stamp ns_of(const ros::Time& time) { return static_cast<Stamp>(time.toNSec()); }
   // tf2's 0 is the latest.
-  static Stamp stamp_of(const ros::Time& time) { return time.isZero() ? kNoStamp : ns_of(time); }
-  static ros::Time time_of(Stamp stamp) {
-    ros::Time time;
-    return time.fromNSec(static_cast<std::uint64_t>(stamp));
+  static Stamp stamp_of(const Time& time) {
+    return ros_types::ns_of(time) == 0 ? kNoStamp : ros_types::ns_of(time);
   }
   static ztf_error new_error() {
     ztf_error error;
     error.size = sizeof error;
     return error;
   }
-  static bool is_valid(const std::string& name) { return !name.empty() && name[0] != '/'; }
 
-  static geometry_msgs::TransformStamped message(const std::string& target,
-                                                 const std::string& source, const Answer& answer) {
-    geometry_msgs::TransformStamped out;
-    out.header.stamp = time_of(answer.stamp_ns);
+  static TransformStamped message(const std::string& target, const std::string& source,
+                                  const Answer& answer) {
+    TransformStamped out;
+    ros_types::set(out.header.stamp, answer.stamp_ns);
     out.header.frame_id = target;
     out.child_frame_id = source;
     const Pose& p = answer.pose;
-    out.transform.translation.x = p.x;
-    out.transform.translation.y = p.y;
-    out.transform.translation.z = p.z;
-    out.transform.rotation.x = p.qx;
-    out.transform.rotation.y = p.qy;
-    out.transform.rotation.z = p.qz;
-    out.transform.rotation.w = p.qw;
+    auto& t = out.transform.translation;
+    auto& q = out.transform.rotation;
+    t.x = p.x, t.y = p.y, t.z = p.z;
+    q.x = p.qx, q.y = p.qy, q.z = p.qz, q.w = p.qw;
     return out;
   }
   // Of a frame in itself, which need not exist.
-  geometry_msgs::TransformStamped identity(const std::string& name, const ros::Time& time) const {
+  TransformStamped identity(const std::string& name, const Time& time) const {
     Answer answer;
     answer.pose.qw = 1;
-    answer.stamp_ns = ns_of(time);
+    answer.stamp_ns = ros_types::ns_of(time);
     ztf_frame_info info;
-    if (time.isZero() && find_info(name, info) && info.samples != 0 && !(info.flags & ZTF_STATIC))
+    if (answer.stamp_ns == 0 && find_info(name, info) && info.samples != 0 &&
+        !(info.flags & ZTF_STATIC))
       answer.stamp_ns = info.newest_stamp_ns;
     return message(name, name, answer);
   }
@@ -287,52 +334,50 @@ class BufferCore {
     return ztf_info(tree_.get(), name.c_str(), &info, nullptr) == ZTF_OK;
   }
 
-  // Throws tf2's exception for a name that no frame has.
-  void validate(const char* argument, const std::string& name) const {
-    if (name.empty())
-      throw tf2::InvalidArgumentException(std::string("Invalid argument passed to ") + argument +
-                                          " in tf2 frame_ids cannot be empty");
-    if (name[0] == '/')
-      throw tf2::InvalidArgumentException("Invalid argument \"" + name + "\" passed to " +
-                                          argument +
-                                          " in tf2 frame_ids cannot start with a '/' like: ");
-    if (!_frameExists(name))
-      throw tf2::LookupException("\"" + name + "\" passed to " + argument + " does not exist. ");
+  static const char* flaw_of(const std::string& name) {
+    if (name.empty()) return "in tf2 frame_ids cannot be empty";
+    return name[0] == '/' ? "in tf2 frame_ids cannot start with a '/'" : nullptr;
+  }
+  // Throws tf2's exception for the first name that no frame has.
+  void validate(Names names) const {
+    for (const auto& each : names) {
+      const std::string& name = *each.second;
+      const char* const flaw = flaw_of(name);
+      if (!flaw && _frameExists(name)) continue;
+      const std::string quoted = '"' + name + '"', argument = std::string(each.first) + "_frame",
+                        to = " passed to lookupTransform argument " + argument;
+      if (!flaw) throw tf2::LookupException(quoted + to + " does not exist. ");
+      throw tf2::InvalidArgumentException(
+          "Invalid argument" + (kIsRos2 || !name.empty() ? ' ' + quoted : "") + to +
+          (kIsRos2 ? " - " : " ") + flaw + (kIsRos2 || name.empty() ? "" : " like: "));
+    }
   }
 
-  static std::string formatted(const char* format, double a, double b, double c = 0) {
-    char text[256];
-    std::snprintf(text, sizeof text, format, a, b, c);
+  static std::string shown(Stamp stamp) {
+    char text[64];
+    std::snprintf(text, sizeof text, kIsRos2 ? "%.6f" : "%.09f", ros_types::seconds_of(stamp));
     return text;
   }
   // The text of tf2 for an error.
   std::string text_of(const ztf_error& error) const {
-    const auto seconds = [](Stamp stamp) { return time_of(stamp).toSec(); };
-    const double asked = error.stamp_ns == kNoStamp ? 0 : seconds(error.stamp_ns);
     const std::string target = error.target_frame, source = error.source_frame;
+    const std::string asked = shown(error.stamp_ns == kNoStamp ? 0 : error.stamp_ns);
     const std::string where =
         ", when looking up transform from frame [" + source + "] to frame [" + target + "]";
     switch (error.code) {
       case ZTF_NO_DATA:
-        return formatted(
-                   "Lookup would require extrapolation at time %.09f, but only time %.09f is in "
-                   "the buffer",
-                   asked, seconds(error.newest_stamp_ns)) +
-               where;
+        return "Lookup would require extrapolation at time " + asked + ", but only time " +
+               shown(error.newest_stamp_ns) + " is in the buffer" + where;
       case ZTF_FORWARD:
-        return formatted(
-                   "Lookup would require extrapolation %.09fs into the future.  Requested time "
-                   "%.09f but the latest data is at time %.09f",
-                   seconds(error.stamp_ns - error.newest_stamp_ns), asked,
-                   seconds(error.newest_stamp_ns)) +
+      case ZTF_BACKWARD: {
+        const bool is_late = error.code == ZTF_FORWARD;
+        const Stamp end = is_late ? error.newest_stamp_ns : error.oldest_stamp_ns;
+        const Stamp beyond = is_late ? error.stamp_ns - end : end - error.stamp_ns;
+        return "Lookup would require extrapolation " + (kIsRos2 ? "" : shown(beyond) + "s ") +
+               (is_late ? "into the future" : "into the past") + ".  Requested time " + asked +
+               " but the " + (is_late ? "latest" : "earliest") + " data is at time " + shown(end) +
                where;
-      case ZTF_BACKWARD:
-        return formatted(
-                   "Lookup would require extrapolation %.09fs into the past.  Requested time "
-                   "%.09f but the earliest data is at time %.09f",
-                   seconds(error.oldest_stamp_ns - error.stamp_ns), asked,
-                   seconds(error.oldest_stamp_ns)) +
-               where;
+      }
       case ZTF_CONNECTIVITY:
         return "Could not find a connection between '" + target + "' and '" + source +
                "' because they are not part of the same tree.Tf has two or more unconnected trees.";
@@ -351,28 +396,36 @@ class BufferCore {
       case ZTF_INVALID_ARGUMENT:
         throw tf2::InvalidArgumentException(text);
       case ZTF_EXTRAPOLATION:
-      case ZTF_NO_DATA:
-      case ZTF_FORWARD:
-      case ZTF_BACKWARD:
         throw tf2::ExtrapolationException(text);
+      case ZTF_NO_DATA:
+        throw tf2::NoDataForExtrapolationException(text);
+      case ZTF_FORWARD:
+        throw tf2::ForwardExtrapolationException(text);
+      case ZTF_BACKWARD:
+        throw tf2::BackwardExtrapolationException(text);
       default:
         throw tf2::TransformException(text);
     }
   }
 
-  // Says which names no frame has.
-  bool all_exist(std::initializer_list<std::pair<const char*, const std::string*>> names,
-                 std::string* error_msg) const {
+  // Says which names no frame has: of ROS 1 all that are good, of ROS 2 the first.
+  bool all_exist(Names names, std::string* error_msg) const {
     std::string text;
-    for (const auto& each : names)
-      if (!_frameExists(*each.second))
-        text += (text.empty() ? "canTransform: " : " canTransform: ") + std::string(each.first) +
-                "_frame " + *each.second + " does not exist.";
+    for (const auto& each : names) {
+      const std::string &name = *each.second, argument = std::string(each.first) + "_frame ";
+      const char* const flaw = flaw_of(name);
+      if (!flaw && _frameExists(name)) continue;
+      if (kIsRos2 && error_msg)
+        *error_msg = "Invalid frame ID \"" + name + "\" passed to canTransform argument " +
+                     argument + "- " + (flaw ? flaw : "frame does not exist");
+      if (kIsRos2 || flaw) return false;
+      text += (text.empty() ? "" : " ") + ("canTransform: " + argument) + name + " does not exist.";
+    }
     if (error_msg) *error_msg += text;
     return text.empty();
   }
   // Of valid names.
-  bool can(const std::string& target, const std::string& source, const ros::Time& time,
+  bool can(const std::string& target, const std::string& source, const Time& time,
            std::string* error_msg) const {
     if (target == source) return true;
     ztf_error error = new_error();
@@ -388,12 +441,30 @@ class BufferCore {
     Stamp latest = kNoStamp;
     const bool is_known = ztf_common_time(tree_.get(), request.target.c_str(),
                                           request.source.c_str(), &latest, nullptr) == ZTF_OK;
-    if (is_valid(request.target) && is_valid(request.source) &&
+    if (!flaw_of(request.target) && !flaw_of(request.source) &&
         can(request.target, request.source, request.time, nullptr))
       return Outcome::available;
-    if (is_known && latest != kNoStamp && request.time + cache_time_ < time_of(latest))
+    if (is_known && latest != kNoStamp &&
+        ros_types::ns_of(request.time) + ros_types::ns_of(cache_time_) < latest)
       return Outcome::too_old;
     return Outcome::may_come;
+  }
+  tf2::TransformableRequestHandle add_request(Request request) {
+    if (request.target == request.source) return 0;
+    const Outcome outcome = outcome_of(request);
+    if (outcome == Outcome::available) return 0;
+    if (outcome == Outcome::too_old) return ~tf2::TransformableRequestHandle{0};
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      const auto found = callbacks_.find(request.handle);
+      if (found != callbacks_.end()) request.callback = found->second;
+      request.number = ++last_request_;
+      requests_.push_back(request);
+      if (!is_own_ && !poller_.joinable()) poller_ = std::thread([this] { poll(); });
+    }
+    changed_.notify_all();
+    if (is_own_) testTransformableRequests();  // a transform may have come since
+    return request.number;
   }
   template <class Condition>
   void erase_requests(Condition&& condition) {
@@ -401,7 +472,6 @@ class BufferCore {
   }
   void testTransformableRequests() {
     std::vector<std::pair<Request, Outcome>> done;
-    std::vector<TransformableCallback> callbacks;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       erase_requests([&](const Request& request) {
@@ -410,17 +480,13 @@ class BufferCore {
         done.emplace_back(request, outcome);
         return true;
       });
-      for (const auto& each : done) {
-        const auto found = callbacks_.find(each.first.callback);
-        callbacks.push_back(found == callbacks_.end() ? TransformableCallback() : found->second);
-      }
     }
-    for (std::size_t i = 0; i < done.size(); ++i) {
-      const Request& r = done[i].first;
-      if (callbacks[i])
-        callbacks[i](
+    for (const auto& each : done) {
+      const Request& r = each.first;
+      if (r.callback)
+        r.callback(
             r.number, r.target, r.source, r.time,
-            done[i].second == Outcome::available ? tf2::TransformAvailable : tf2::TransformFailure);
+            each.second == Outcome::available ? tf2::TransformAvailable : tf2::TransformFailure);
     }
   }
   // While there are requests to a server's tree.
@@ -440,15 +506,17 @@ class BufferCore {
 
   Tree tree_;
   const bool is_own_;
-  const ros::Duration cache_time_;
+  const Duration cache_time_;
   bool using_dedicated_thread_ = false;
+#ifndef ZTF_TF2_OF_ROS2
   boost::signals2::signal<void(void)> transforms_changed_;
+  std::uint32_t last_callback_ = 0;  // guarded by mutex_
+#endif
   std::mutex mutex_;
   std::condition_variable changed_;
   // Guarded by mutex_.
-  std::map<tf2::TransformableCallbackHandle, TransformableCallback> callbacks_;
+  std::map<std::uint32_t, TransformableCallback> callbacks_;
   std::vector<Request> requests_;
-  tf2::TransformableCallbackHandle last_callback_ = 0;
   tf2::TransformableRequestHandle last_request_ = 0;
   bool closing_ = false;
   std::thread poller_;
