@@ -16,6 +16,8 @@ from zenoh_tf import (
     BackwardExtrapolationException,
     ExtrapolationException,
     ForwardExtrapolationException,
+    GapTooLong,
+    InvalidArgumentException,
     LookupException,
     StampedTransform,
     Transform,
@@ -159,3 +161,36 @@ def test_samples_of_one_transaction_show_no_rate(samples: int, step_ns: int) -> 
     )
     assert " Hz" not in str(tree.explain("map", "arm"))
     assert moving(begin_ns).frame("base").rate_hz == pytest.approx(10, rel=0.1)
+
+
+# --- texts that named the fault badly
+
+
+def test_what_would_close_a_cycle_says_who_is_below_whom() -> None:
+    tree = TransformTree()
+    put(tree, "a", "b", S)
+    put(tree, "b", "c", S)
+    with pytest.raises(InvalidArgumentException, match="close a cycle: 'c' is below 'a'"):
+        put(tree, "c", "a", S)
+
+
+@pytest.mark.parametrize("field", ["translation", "rotation"])
+def test_a_value_that_is_no_number_is_of_a_field(field: str) -> None:
+    values = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0)}
+    values[field] = (float("nan"), *values[field][1:])
+    pose = Transform(**values)
+    with pytest.raises(InvalidArgumentException, match=f"a value of the {field} is NaN"):
+        TransformTree().set_transform(StampedTransform("map", "base", S, pose))
+
+
+def test_a_gap_is_neither_early_nor_late() -> None:
+    tree = TransformTree()
+    put(tree, "map", "base", S, 3 * S)
+    with pytest.raises(GapTooLong) as caught:
+        tree.lookup_transform("map", "base", 2 * S, max_gap_s=0.5)
+    assert str(caught.value).endswith("was requested to look up 'base' in 'map'")
+
+
+def test_how_far_an_estimate_may_go_is_in_seconds() -> None:
+    with pytest.raises(ForwardExtrapolationException, match=r"at most 0\.5 s \(max_by_s\)"):
+        moving(PAST_NS).estimate_transform("map", "base", PAST_NS + 9 * S, max_by_s=0.5)

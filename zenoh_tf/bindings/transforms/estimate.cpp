@@ -38,10 +38,7 @@ Estimate estimate(const AnyTree& tree, nb::handle target, nb::handle source, nb:
     (void)tree.read_names(ask);
   }
   if (a.failure.code != Code::ok) {
-    LookupNote note;
-    if (a.failure.code == Code::forward)
-      note.carried =
-          " and carried on by at most " + std::to_string(query.max_by) + " ns (max_by_s)";
+    const LookupNote note{.max_by = query.max_by};
     raise(lookup_error(tree, a.failure, target_name, source_name, note));
   }
   static const nb::handle bases[] = {interned("backtest"), interned("limits"), interned("static")};

@@ -139,10 +139,14 @@ void set_extrapolation(const AnyTree& tree, const Failure& f, const LookupNote& 
     error.oldest = ended->oldest, error.newest = ended->newest;
     return;
   }
-  error.message = extrapolation_message(f, link) + ", but " + ns(f.stamp) +
-                  " was requested to look up " + quoted(error.source) + " in " +
-                  quoted(error.target) + note.carried +
-                  beside(f.stamp, f.oldest, f.newest, note.waited, note.may_wait);
+  std::string carried;
+  if (f.code == Code::forward && note.max_by >= 0)
+    carried = " and carried on by at most " + seconds(note.max_by) + " (max_by_s)";
+  error.message =
+      extrapolation_message(f, link) + ", but " + ns(f.stamp) + " was requested to look up " +
+      quoted(error.source) + " in " + quoted(error.target) + carried +
+      (f.code == Code::gap ? waited
+                           : beside(f.stamp, f.oldest, f.newest, note.waited, note.may_wait));
   if (f.code != Code::gap) return;
   error.gap = f.newest - f.oldest;
   error.max_gap = f.max_gap;

@@ -16,10 +16,10 @@ namespace ztf {
 
 // What an error says of how its lookup was asked.
 struct LookupNote {
-  std::string waited = {};   // as of waited_for(); empty if the lookup did not wait
-  std::string carried = {};  // appended to what was requested, of an estimate
-  bool may_wait = false;     // the method has a `timeout_s`
-  bool suggest = true;       // the names that may be meant by one that does not exist
+  std::string waited = {};  // as of waited_for(); empty if the lookup did not wait
+  Stamp max_by = -1;        // of an estimate: how far links may be carried on, in nanoseconds
+  bool may_wait = false;    // the method has a `timeout_s`
+  bool suggest = true;      // the names that may be meant by one that does not exist
 };
 
 // "waited for 1.5 s"

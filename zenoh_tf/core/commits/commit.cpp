@@ -78,7 +78,9 @@ Rejected rejection_of(const TreeState& tree, const CommitRequest& request, const
                            "(one_authority_per_frame)");
     }
     case RowResult::cycle:
-      return rejection(request, row, "parent_frame", "the link would close a cycle");
+      return rejection(request, row, "parent_frame",
+                       "the link would close a cycle: " + quoted(shown(request.names[row.parent])) +
+                           " is below " + quoted(shown(request.names[row.child])));
     case RowResult::too_deep: {
       Rejected rejected =
           rejection(request, row, "max_depth",

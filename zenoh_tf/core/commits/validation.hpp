@@ -166,8 +166,9 @@ inline Rejected row_rejection(const CommitRequest& request, const Row& row, std:
   switch (result) {
     case RowResult::not_finite: {
       const bool in_translation = !std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z);
-      return rejection(request, row, in_translation ? "translation" : "rotation",
-                       "a value is NaN or infinite");
+      const char* const field = in_translation ? "translation" : "rotation";
+      return rejection(request, row, field,
+                       std::string("a value of the ") + field + " is NaN or infinite");
     }
     case RowResult::bad_rotation:
       return rejection(request, row, "rotation",
