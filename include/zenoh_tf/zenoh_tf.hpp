@@ -33,7 +33,7 @@ class Name {
   const char* text_;
 };
 
-// Every error, with its facts. The classes below are those that programs tell apart.
+// Every error, with its facts. Programs mostly catch one of the classes below.
 class TransformException : public std::runtime_error {
  public:
   explicit TransformException(const ztf_error& facts)
