@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,6 +52,26 @@ def test_an_endpoint_is_no_connection() -> None:
     with pytest.raises(TypeError, match=r"use TransformClient\.connect\(") as caught:
         TransformClient("tcp/127.0.0.1:7447")  # type: ignore[arg-type]
     assert "'tcp/127.0.0.1:7447'" in str(caught.value)
+
+
+def test_what_is_no_transform_is_named(server: ServerProcess) -> None:
+    X: Any = Transform()
+    one: Any = link("map", "base", 1)
+    with server.connect() as tf, tf.broadcaster("lidar") as sensor:
+        calls: list[tuple[Any, Any, str]] = [
+            (tf.set_transform, X, "stamped"),
+            (tf.set_transforms_xact, one, "stampeds"),
+            (tf.set_transforms_xact, [one, X], "stampeds"),
+            (sensor.send, X, "stampeds"),
+            (sensor.send_static, X, "stampeds"),
+            (sensor.send_static, [one, None], "stampeds"),
+        ]
+        for call, wrong, field in calls:
+            with pytest.raises(InvalidArgumentException, match=f"^{field} must be a ") as caught:
+                call(wrong)
+            assert caught.value.field == field
+            assert repr(wrong) in str(caught.value)
+        assert tf.frames() == []
 
 
 def test_reprs(server: ServerProcess) -> None:

@@ -84,6 +84,7 @@ class Broadcaster:
                 of several that the server accepts are committed at one instant.
 
         Raises:
+            InvalidArgumentException: `stampeds` holds anything but StampedTransforms.
             LimitExceeded: The message would be larger than 16 MiB.
             ServerUnavailable: The broadcaster or its client is closed.
 
@@ -103,6 +104,7 @@ class Broadcaster:
                 stamps do not matter. A newer transform of a child frame replaces the older one.
 
         Raises:
+            InvalidArgumentException: `stampeds` holds anything but StampedTransforms.
             LimitExceeded: The message would be larger than 16 MiB.
             ServerUnavailable: The broadcaster or its client is closed.
 
@@ -116,7 +118,7 @@ class Broadcaster:
             if self._announcer is None:
                 self._announcer = Announcer(self._connection, self._static_publisher)
             announcer = self._announcer
-        announcer.send([stampeds] if isinstance(stampeds, StampedTransform) else list(stampeds))
+        announcer.send(list(stampeds) if isinstance(stampeds, Iterable) else [stampeds])
 
     def close(self) -> None:
         """Stop publishing. What was sent stays in the server. May be called again."""

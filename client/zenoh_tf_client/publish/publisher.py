@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable
 import zenoh
 
 from zenoh_tf import StampedTransform, wire
-from zenoh_tf._core import TransformRows
 from zenoh_tf._zenoh.calls import SessionCalls
 from zenoh_tf.errors import LimitExceeded, ServerUnavailable
 
+from ..requests.columns import transform_rows
 from ..session.connection import Connection
 
 
@@ -103,10 +103,11 @@ def message(
 ) -> bytes:
     """The bytes of one put, of one transform or several.
 
-    Raises LimitExceeded if they are more than any server accepts by default.
+    Raises LimitExceeded if they are more than any server accepts by default, and
+    InvalidArgumentException if they are anything else.
     """
     rows = [stampeds] if isinstance(stampeds, StampedTransform) else stampeds
-    commit = wire.Commit(TransformRows.of(rows), announce=announce)
+    commit = wire.Commit(transform_rows(rows), announce=announce)
     payload = wire.pack(wire.commit_body(commit))
     if len(payload) > wire.MAX_MESSAGE_BYTES:
         raise LimitExceeded(

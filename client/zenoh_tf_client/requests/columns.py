@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from operator import index
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import StampedTransform, _core, wire
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.errors import InvalidArgumentException, must_be
 
 #: The largest stamp; the smallest is NO_STAMP + 1.
 _MAX_STAMP = -wire.NO_STAMP - 1
@@ -131,4 +131,12 @@ def commit(
     stampeds: Sequence[StampedTransform], authority: str = "", static: bool = False
 ) -> wire.Commit:
     """Return transforms as the columns of a commit."""
-    return wire.Commit(_core.TransformRows.of(stampeds), authority, static)
+    return wire.Commit(transform_rows(stampeds), authority, static)
+
+
+def transform_rows(stampeds: Iterable[StampedTransform]) -> _core.TransformRows:
+    """Return transforms as rows. Raises InvalidArgumentException if they are anything else."""
+    try:
+        return _core.TransformRows.of(stampeds)
+    except (TypeError, InvalidArgumentException) as error:
+        raise must_be("stampeds", "a sequence of StampedTransforms", stampeds) from error

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from zenoh_tf import StampedTransform, wire
 from zenoh_tf._core import TransformRows
+from zenoh_tf.errors import must_be
 
 from . import columns
 from .request import Call, Request
@@ -36,6 +37,8 @@ class SetTransform(Request[bool]):
 def set_transform(
     stamped: StampedTransform, authority: str = "", static: bool = False
 ) -> Request[bool]:
+    if not isinstance(stamped, StampedTransform):
+        raise must_be("stamped", "a StampedTransform", stamped)
     rows = TransformRows.of((stamped,))
     return SetTransform(wire.commit_body(wire.Commit(rows, authority, static, drop_old=True)))
 
