@@ -138,6 +138,14 @@ def gap(robot: Robot) -> None:
     robot.link("odom", "base", "wheels", 50.0, circle, start_s=2.2)
 
 
+def gap_of_all(robot: Robot) -> None:
+    """The only publisher stands still, or the server."""
+    robot.mounts()
+    for start_s, end_s in ((START_S, 1.0), (2.0, END_S)):
+        robot.link("map", "odom", "robot", 10.0, corrections, start_s=start_s, end_s=end_s)
+        robot.link("odom", "base", "robot", 50.0, circle, start_s=start_s, end_s=end_s)
+
+
 #: By name: the robot, and what is found.
 FAULTS: dict[str, tuple[Make, Found]] = {
     "two_publishers": (
@@ -154,6 +162,7 @@ FAULTS: dict[str, tuple[Make, Found]] = {
     "stopped_long_ago": (moving(end_s=-4), {("TF104", "base")}),
     "looked_up_after_it_stopped": (asked("odom", "base", end_s=0.5), {("TF104", "base")}),
     "gap": (gap, {("TF105", "base")}),
+    "gap_of_all": (gap_of_all, {("TF105", "base")}),
     "one_stamp_two_hours_ahead": (
         moving(stamp=lambda t: t + (7200 if t == 1 else 0)),
         {("TF106", "wheels")},

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import random
 
-from .ward import END_S, START_S, Robot, circle, corrections, pose
+from .ward import DELAY_S, END_S, START_S, Clock, Robot, circle, corrections, pose
 
 
 def steady(robot: Robot) -> None:
@@ -43,11 +44,20 @@ def loaded_network(robot: Robot) -> None:
 
 
 def standstill(robot: Robot) -> None:
-    """The simulator or the network stands still for all links."""
+    """The simulator stands still for all links, and its clock with it."""
+    _all_links(robot, lambda t: t + DELAY_S + (t > 1), lambda t: t - 1_699_999_900)
+
+
+def network_that_stands_still(robot: Robot) -> None:
+    """For all links, whose samples come late."""
+    _all_links(robot, lambda t: DELAY_S + (2 + t / 1e3 if 1 < t < 2 else t))
+
+
+def _all_links(robot: Robot, arrival: Clock, stamp: Clock = lambda t: t) -> None:
     robot.mounts()
-    for start_s, end_s in ((START_S, 1.0), (2.0, END_S)):
-        robot.link("map", "odom", "amcl", 10.0, corrections, start_s=start_s, end_s=end_s)
-        robot.link("odom", "base", "wheels", 50.0, circle, start_s=start_s, end_s=end_s)
+    link = functools.partial(robot.link, stamp=stamp, arrival=arrival, end_s=END_S - 1)
+    link("map", "odom", "amcl", 10.0, corrections)
+    link("odom", "base", "wheels", 50.0, circle)
 
 
 def simulation(robot: Robot) -> None:
@@ -104,6 +114,6 @@ def post_dated(robot: Robot) -> None:
 
 
 HEALTHY = [
-    steady, parked, stop_and_go, loaded_network, standstill, simulation, static_only, grasping,
-    farm, planner, post_dated, asked_nonsense,
+    steady, parked, stop_and_go, loaded_network, standstill, network_that_stands_still, simulation,
+    static_only, grasping, farm, planner, post_dated, asked_nonsense,
 ]  # fmt: skip

@@ -74,6 +74,17 @@ def test_gaps_and_links_that_have_stopped() -> None:
     assert evidence[1].startswith("no sample came for 3.0 s, although they come at 20.0 Hz")
 
 
+def test_a_gap_of_all_links_has_one_line() -> None:
+    facts = drive()
+    for n in range(471, 600):
+        rows = columns(("map", "odom", n / 20, Q), ("odom", "base", n / 20, Q))
+        facts.add(round(n / 20 * S), "/tf", False, rows)
+    (finding,) = diagnose(facts.facts())
+    assert (finding.fault.id, finding.subject) == ("TF105", "base")
+    assert finding.evidence.startswith("no sample came for 3.6 s, although they come at 20.0 Hz")
+    assert "all fast links paused at once, so look at the publishers' machine" in finding.evidence
+
+
 def test_static_links_that_are_dynamic_too_and_repeated_stamps() -> None:
     facts = drive()
     facts.add(20 * S, "/tf", False, columns(("base", "lidar", 20, Q)))

@@ -55,9 +55,12 @@ CATALOGUE: Final = (
         "TF105",
         "a link with gaps",
         "The samples of the link come with pauses of 10 periods and half a second at least. "
-        "Lookups in a gap interpolate over it, and lookups at the present fail meanwhile.",
+        "Lookups in a gap interpolate over it, and lookups at the present fail meanwhile. If all "
+        "links pause at once, the fastest one stands for all. Pauses of all links in which the "
+        "stamps stood still, as of a simulator, or after which the samples came late, are none.",
         "Look at the load of its publisher, at the network, and at the drops that `zenoh-tf "
-        "authorities` counts.",
+        "authorities` counts. If all links paused, their publishers' machine, the server or the "
+        "recorder did not run.",
         publishers.gaps,
     ),
     Fault(

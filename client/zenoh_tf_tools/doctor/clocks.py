@@ -215,7 +215,7 @@ def backwards(facts: TreeFacts) -> Evidence:
 def bursts(facts: TreeFacts) -> Evidence:
     for link, seen in facts.seen:
         pauses = [pause for pause in facts.pauses(link) if not pause.is_gap]
-        waits_ns = [pause.end_ns - pause.start_ns for pause in pauses]
+        waits_ns = [pause.length_ns for pause in pauses]
         if len(pauses) < _BURSTS:
             continue
         if sum(waits_ns) > _BURSTS_PART * (pauses[-1].end_ns - pauses[0].start_ns):

@@ -188,22 +188,31 @@ class TreeFacts:
         return [
             pause
             for pause in ([] if link.seen is None else link.seen.timing.pauses)
-            if not self._is_shared(link, pause)
+            if not self.is_shared(link, pause)
         ]
 
-    def _is_shared(self, link: LinkFacts, pause: ArrivalPause) -> bool:
-        length_ns = pause.end_ns - pause.start_ns
+    def is_shared(self, link: LinkFacts, pause: ArrivalPause, *, gaps_only: bool = False) -> bool:
+        """Return whether all other links that are as fast paused at the same time.
+
+        Args:
+            link: One of the links.
+            pause: One of its pauses.
+            gaps_only: Pauses in which the stamps went on do not count, as of a simulator or a
+                network that stood still.
+        """
         others = [
             seen.timing
             for other, seen in self.seen
             if other is not link
-            and (seen.timing.period_ns or length_ns) * PAUSE_PERIODS < length_ns
+            and (seen.timing.period_ns or pause.length_ns) * PAUSE_PERIODS < pause.length_ns
             and (seen.timing.last_ns or 0) >= pause.end_ns
         ][:_COMPARED]
         return bool(others) and all(
             any(
-                2 * (min(p.end_ns, pause.end_ns) - max(p.start_ns, pause.start_ns)) > length_ns
+                2 * (min(p.end_ns, pause.end_ns) - max(p.start_ns, pause.start_ns))
+                > pause.length_ns
                 for p in timing.pauses
+                if p.is_gap or not gaps_only
             )
             for timing in others
         )

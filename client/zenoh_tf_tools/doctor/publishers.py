@@ -147,16 +147,29 @@ def lost_mirrors(facts: TreeFacts) -> Evidence:
 
 
 def gaps(facts: TreeFacts) -> Evidence:
+    shared: list[tuple[float, str, str]] = []
     for link, seen in facts.seen:
-        gaps_ns = [pause.end_ns - pause.start_ns for pause in facts.pauses(link) if pause.is_gap]
-        if gaps_ns:
-            period_ns = seen.timing.period_ns or 0.0
-            if max(gaps_ns) > max(_GAP_S * 1e9, _GAP_PERIODS * period_ns):
-                yield (
-                    link.frame.name,
-                    f"no sample came for {age(max(gaps_ns))}, although they come at "
-                    f"{1e9 / period_ns:.1f} Hz from {authority(link.frame.authority)}",
-                )
+        period_ns = seen.timing.period_ns or 0.0
+        least_ns = max(_GAP_S * 1e9, _GAP_PERIODS * period_ns)
+        found = [p for p in seen.timing.pauses if p.is_gap and p.length_ns > least_ns]
+        own = [pause for pause in found if not facts.is_shared(link, pause)]
+        told = own or [p for p in found if facts.is_shared(link, p, gaps_only=True)]
+        if told:
+            evidence = (
+                f"no sample came for {age(max(pause.length_ns for pause in told))}, although they "
+                f"come at {1e9 / period_ns:.1f} Hz from {authority(link.frame.authority)}"
+            )
+            if own:
+                yield link.frame.name, evidence
+            else:
+                shared.append((period_ns, link.frame.name, evidence))
+    if shared:  # the fastest link tells the length best
+        _, name, evidence = min(shared)
+        yield (
+            name,
+            f"{evidence}; all fast links paused at once, so look at the publishers' machine, the "
+            "server and the recorder",
+        )
 
 
 def refused(facts: TreeFacts) -> Evidence:

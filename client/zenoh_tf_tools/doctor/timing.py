@@ -54,6 +54,11 @@ class ArrivalPause(NamedTuple):
     end_ns: int
     is_gap: bool  # the stamps pause as well; else the samples came late, all at once
 
+    @property
+    def length_ns(self) -> int:
+        """Between the two arrivals."""
+        return self.end_ns - self.start_ns
+
 
 @dataclass(slots=True)
 class Timing:
