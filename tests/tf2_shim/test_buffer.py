@@ -178,3 +178,31 @@ def test_frames_as_yaml(make_buffer: Callable[..., tf2.Buffer]) -> None:
             "buffer_length": 0.0,
         },
     }
+
+
+def test_what_has_a_wrong_type_is_named(buffer: tf2.Buffer) -> None:
+    wrong: Any = None  # for fields that are declared
+    number: Any = 1.5
+    late, point = tf2.Header(wrong, "map"), tf2.PointStamped
+    unnamed = tf2.Header(at(1).to_msg(), wrong)
+    calls: list[tuple[Callable[..., Any], tuple[Any, ...], str]] = [
+        (buffer.lookup_transform, ("map", "base", None), "time"),
+        (buffer.can_transform, ("map", "base", None), "time"),
+        (buffer.lookup_transform_full, ("map", at(1), "base", "now", "map"), "source_time"),
+        (buffer.lookup_transform, ("map", "base", LATEST, "long"), "timeout"),
+        (buffer.set_transform, (tf2.TransformStamped(late, "base"), ""), "header.stamp"),
+        (buffer.set_transform, (tf2.TransformStamped(tf2.Header(number, "a")), ""), "header.stamp"),
+        (buffer.set_transform_static, (tf2.TransformStamped(unnamed, "b"), ""), "header.frame_id"),
+        (buffer.set_transform, (tf2.TransformStamped(child_frame_id=wrong), ""), "child_frame_id"),
+        (buffer.set_transform, (tf2.TransformStamped(transform=wrong), ""), "transform"),
+        (buffer.set_transform, (object(), ""), "header.frame_id"),
+        (tf2.TransformBroadcaster().sendTransform, (tf2.Transform(),), "header.frame_id"),
+        (buffer.transform, (object(), "map"), "header.frame_id"),
+        (buffer.transform, (point(unnamed), "map"), "header.frame_id"),
+        (buffer.transform_full, (point(late), "map", at(1), "map"), "header.stamp"),
+    ]
+    for call, arguments, field in calls:
+        with pytest.raises(tf2.InvalidArgumentException, match=field) as refusal:
+            call(*arguments)
+        assert refusal.value.field == field
+        assert isinstance(refusal.value, TypeError)  # as Python's own, which they were

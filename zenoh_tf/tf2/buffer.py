@@ -20,7 +20,7 @@ from zenoh_tf.gap_limit import max_gap_ns
 
 from . import frames_text, sources
 from .future import TransformFuture
-from .messages import TransformStamped, message_of, stamped_of
+from .messages import TransformStamped, header_of, message_of, stamped_of
 from .nearest import look_up_nearest
 from .times import Duration, Time, seconds, stamp_ns, time_of
 from .transforming import TransformRegistration, do_transform
@@ -79,10 +79,11 @@ class BufferInterface:
             A transformed copy.
 
         Raises:
-            TransformException: The lookup failed; see the class.
+            TransformException: The lookup failed; see the class. InvalidArgumentException names a
+                field of the header that is missing or of a wrong type.
             TypeException: The message is of another kind.
         """
-        header = object_stamped.header
+        header = header_of(object_stamped)
         lookup = target_frame, header.frame_id, header.stamp, timeout
         return do_transform(object_stamped, self.lookup_transform(*lookup, **options))
 
@@ -99,7 +100,7 @@ class BufferInterface:
 
         The message is assumed not to move in `fixed_frame` between its time and `target_time`.
         """
-        header = object_stamped.header
+        header = header_of(object_stamped)
         lookup = target_frame, target_time, header.frame_id, header.stamp, fixed_frame, timeout
         return do_transform(object_stamped, self.lookup_transform_full(*lookup, **options))
 
@@ -150,7 +151,11 @@ class Buffer(BufferInterface):
         self._max_gap_s = max_gap_s
         source = source or self._server or sources.connected()
         if source is None:
-            tree = TransformTree() if cache_time is None else TransformTree(seconds(cache_time))
+            tree = (
+                TransformTree()
+                if cache_time is None
+                else TransformTree(seconds(cache_time, "cache_time"))
+            )
             source = sources.OwnTree(tree)
         self._source = source
 
@@ -238,7 +243,8 @@ class Buffer(BufferInterface):
         Raises:
             TransformException: The lookup failed; see the class.
         """
-        times, gap = (stamp_ns(target_time), stamp_ns(source_time)), self._gap(max_gap_s)
+        times = stamp_ns(target_time, "target_time"), stamp_ns(source_time, "source_time")
+        gap = self._gap(max_gap_s)
         within_ns = _within_ns(nearest_s)
         lookup = target_frame, times[0], source_frame, times[1], fixed_frame, seconds(timeout)
         try:
@@ -317,7 +323,8 @@ class Buffer(BufferInterface):
         max_gap_s: float | None = None,
     ) -> TransformFuture:
         """Start a `lookup_transform_full` that waits until it succeeds; return its future."""
-        times, gap = (stamp_ns(target_time), stamp_ns(source_time)), self._gap(max_gap_s)
+        times = stamp_ns(target_time, "target_time"), stamp_ns(source_time, "source_time")
+        gap = self._gap(max_gap_s)
         lookup = target_frame, times[0], source_frame, times[1], fixed_frame
         return TransformFuture(
             self._source.waits,
@@ -405,5 +412,7 @@ def _attempt(lookup: Callable[[], TransformStamped]) -> tuple[bool, str]:
     try:
         lookup()
     except _NOT_POSSIBLE as error:
+        if isinstance(error, TypeError):  # a mistake of the script's, whatever the tree has
+            raise
         return False, str(error)
     return True, ""

@@ -120,7 +120,7 @@ class TransformFilter:
         self._queue_size = queue_size
         self._timeout_s = math.inf
         if buffer_timeout is not None:
-            self._timeout_s = seconds(buffer_timeout)
+            self._timeout_s = seconds(buffer_timeout, "buffer_timeout")
         self._callbacks: dict[int, tuple[Callable[..., object], tuple[Any, ...]]] = {}
         self._failure_callbacks: dict[int, FailureCallback] = {}
         self._ids = itertools.count()
@@ -187,7 +187,7 @@ class TransformFilter:
             message: Any message with a header.
         """
         header = message.header
-        frame, stamp = header.frame_id, stamp_ns(header.stamp)
+        frame, stamp = header.frame_id, stamp_ns(header.stamp, "header.stamp")
         held = _Held(message)
         oldest = None
         with self._changed:

@@ -7,12 +7,14 @@ classes of this module; `fill` copies one into a message of ROS's.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, is_dataclass
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import zenoh_tf
 from zenoh_tf import StampedTransform
+from zenoh_tf.errors import InvalidArgumentException
 
-from .times import Duration, Time, nanoseconds, time_of
+from .times import Duration, Time, WrongType, nanoseconds, stamp_ns, time_of
 
 M = TypeVar("M")
 
@@ -126,13 +128,39 @@ def transform_of(message: Any) -> zenoh_tf.Transform:
 
 
 def stamped_of(message: Any) -> StampedTransform:
-    """Convert a TransformStamped to the SDK's class."""
-    return StampedTransform(
-        message.header.frame_id,
-        message.child_frame_id,
-        nanoseconds(message.header.stamp),
-        transform_of(message),
-    )
+    """Convert a TransformStamped to the SDK's class.
+
+    Raises InvalidArgumentException, which names the field at fault.
+    """
+    try:
+        return StampedTransform(
+            message.header.frame_id,
+            message.child_frame_id,
+            nanoseconds(message.header.stamp, "header.stamp"),
+            transform_of(message),
+        )
+    except (AttributeError, TypeError, InvalidArgumentException) as error:
+        _check_name(message, "header.frame_id")
+        _check_name(message, "child_frame_id")
+        if isinstance(error, InvalidArgumentException):
+            raise
+        raise WrongType(f"transform is no TransformStamped: {error}", field="transform") from error
+
+
+def header_of(message: Any) -> Any:
+    """Return a message's header. Raises InvalidArgumentException, which names a wrong field."""
+    _check_name(message, "header.frame_id")
+    stamp_ns(getattr(message.header, "stamp", None), "header.stamp")
+    return message.header
+
+
+def _check_name(message: Any, field: str) -> None:
+    try:
+        name = attrgetter(field)(message)
+    except AttributeError:
+        raise WrongType(f"a {type(message).__name__} has no {field}", field=field) from None
+    if not isinstance(name, str):
+        raise WrongType(f"{field} must be a str, not {name!r}", field=field)
 
 
 def message_of(stamped: StampedTransform) -> TransformStamped:

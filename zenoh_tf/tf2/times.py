@@ -10,13 +10,17 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf.errors import must_be
+from zenoh_tf.errors import InvalidArgumentException, must_be
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 _NS_PER_S = 1_000_000_000
 _MAX_S = 2**63 / _NS_PER_S
+
+
+class WrongType(InvalidArgumentException, TypeError):
+    """An argument, or a field of a message, has a wrong type. Also Python's own TypeError."""
 
 
 @dataclass(init=False, slots=True, order=True)
@@ -87,17 +91,18 @@ class Time(_Seconds):
         return (Duration if is_time else Time)(nanoseconds=difference_ns)
 
 
-def nanoseconds(time: Any) -> int:
+def nanoseconds(time: Any, field: str = "time") -> int:
     """Return a time or duration in nanoseconds.
 
-    Takes the classes of rclpy, builtin_interfaces, ROS 1 and this module, else raises TypeError.
+    Takes the classes of rclpy, builtin_interfaces, ROS 1 and this module, else raises WrongType,
+    which names `field`.
     """
     for whole, rest in (("sec", "nanosec"), ("secs", "nsecs")):
         if hasattr(time, rest):
             return int(getattr(time, whole)) * _NS_PER_S + int(getattr(time, rest))
     if hasattr(time, "nanoseconds"):
         return int(time.nanoseconds)
-    raise TypeError(f"neither a time nor a duration: {time!r}")
+    raise WrongType(f"{field} is neither a time nor a duration: {time!r}", field=field)
 
 
 def time_of(stamp_ns: int) -> Time:
@@ -105,21 +110,21 @@ def time_of(stamp_ns: int) -> Time:
     return Time(*divmod(stamp_ns, _NS_PER_S))
 
 
-def stamp_ns(time: Any) -> int | None:
+def stamp_ns(time: Any, field: str = "time") -> int | None:
     """Return a time or a number of seconds in nanoseconds; None for 0, which means the latest.
 
-    Raises TypeError if it is neither, InvalidArgumentException if it is out of range.
+    Raises WrongType if it is neither, InvalidArgumentException if it is out of range.
     """
     if not _is_number(time):
-        return nanoseconds(time) or None
+        return nanoseconds(time, field) or None
     if not abs(time) < _MAX_S:
-        raise must_be("time", "seconds as a number, or Time(nanoseconds=...)", time)
+        raise must_be(field, "seconds as a number, or Time(nanoseconds=...)", time)
     return round(time * _NS_PER_S) or None
 
 
-def seconds(duration: Any) -> float:
-    """Return a duration or a number of seconds in seconds; 0 for a negative one. Else TypeError."""
-    return max(float(duration) if _is_number(duration) else nanoseconds(duration) / 1e9, 0.0)
+def seconds(duration: Any, field: str = "timeout") -> float:
+    """Return a duration or a number of seconds in seconds; 0 for a negative one. Else WrongType."""
+    return max(float(duration) if _is_number(duration) else nanoseconds(duration, field) / 1e9, 0.0)
 
 
 def _is_number(value: Any) -> bool:
