@@ -45,6 +45,13 @@ def test_times_as_people_write_them(zenoh_tf: Run, recording: Path, at: str, sta
     assert answer["translation"] == pytest.approx([26.5, 0.0, 0.0])
 
 
+def test_options_between_arguments(zenoh_tf: Run, recording: Path) -> None:
+    words = f"query {recording} --at 7.51s odom --json camera"
+    assert document(zenoh_tf(*words.split()))["translation"] == pytest.approx([26.5, 0.0, 0.0])
+    done = zenoh_tf(*f"query --at 7.51s {recording} -- odom camera --json".split())
+    assert done.returncode == 2 and "unrecognized arguments: --json" in done.stderr
+
+
 def test_signs_count_from_the_recording_not_from_the_pair(zenoh_tf: Run, tmp_path: Path) -> None:
     log: Log = [
         (1.0, "/tf", [("a", "b", 5.0, 0.0), ("a", "c", 10.0, 0.0), ("a", "c", 12.0, 2.0)]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from zenoh_tf.text import quoted
 from zenoh_tf.text.similar import did_you_mean
@@ -21,11 +21,22 @@ _OPTIONAL: Final = re.compile(r"\[-[^\[\]]*(\[[^\[\]]*\][^\[\]]*)*\]")
 
 
 class UsageParser(argparse.ArgumentParser):
-    """Reports what is wrong, with the name that may be meant, and the usage in short."""
+    """Reports what is wrong, with the name that may be meant, and the usage in short. A command's
+    options may stand between its arguments."""
+
+    _is_mixing = False
+    _has_usage = False
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        # A parser of commands leaves the rest to theirs; after -- all are arguments.
+        if self._is_mixing or self._subparsers is not None or "--" in (args or ()):
+            return super().parse_known_args(args, namespace)
+        self._is_mixing, self._has_usage = True, self.usage is not None
+        return self.parse_known_intermixed_args(args, namespace)  # which calls this, and sets usage
 
     def error(self, message: str) -> NoReturn:
         call = self.format_usage().rstrip()
-        if self.usage is None:  # else it is short
+        if not self._has_usage:  # else it is short
             arguments = _OPTIONAL.sub("", call).split()[1 + len(self.prog.split()) :]
             call = " ".join([f"usage: {self.prog} [options]", *arguments])
         self.exit(
