@@ -69,6 +69,8 @@ class TransformTree(TreeEstimates):
         InvalidArgumentException: An option is out of its range.
     """
 
+    _is_recorded = False  # it has no present and no publishers
+
     @classmethod
     def from_recording(
         cls,
@@ -360,13 +362,7 @@ class TransformTree(TreeEstimates):
         return self._explain(target, source, stamp_ns)
 
     def _explain(
-        self,
-        target: str,
-        source: str,
-        stamp_ns: int | None,
-        now_ns: int | None = None,
-        *,
-        recorded: bool = False,
+        self, target: str, source: str, stamp_ns: int | None, now_ns: int | None = None
     ) -> Explanation:
         from zenoh_tf.introspection import explain as explaining  # noqa: PLC0415 - slow
         from zenoh_tf.introspection.frame_info import FrameInfo  # noqa: PLC0415
@@ -375,7 +371,7 @@ class TransformTree(TreeEstimates):
         frames = [FrameInfo.from_record(record) for record in records]
         names = () if explaining.is_connected(target, source, frames) else self.frames()
         found = explaining.explain(
-            target, source, stamp_ns, frames, names, now_ns, recorded=recorded
+            target, source, stamp_ns, frames, names, now_ns, recorded=self._is_recorded
         )
         for name in explaining.unknown_frames(found):
             try:

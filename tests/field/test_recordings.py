@@ -125,6 +125,19 @@ def test_static_and_moving_topics_of_one_namespace_are_one_source(tmp_path: Path
     assert tree.lookup_latest_transform("x", "y").transform.translation[0] == 2.0
 
 
+def test_a_recorded_tree_is_explained_without_a_present(tmp_path: Path) -> None:
+    """It said that the publishers had stopped, and to check that they run."""
+    log: Log = [
+        (at, "/tf", [("map", child, at, 0.0) for child in children])
+        for at, children in ((1.0, "ab"), (1.1, "ab"), (1.2, "ab"), (31.0, "b"), (31.1, "b"))
+    ]
+    tree = TransformTree.from_recording(write(tmp_path / "log", log))
+    found = tree.explain("b", "a", 5_000_000_000)
+    assert found.advice == (
+        "The recording has data of all links of the chain from 1.000000000 s to 1.200000000 s.",
+    )
+
+
 @pytest.mark.parametrize("other", ["/b/tf_static", "/tf"])
 def test_the_doctor_sees_what_breaks_a_row_of_repeated_statics(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], other: str

@@ -51,6 +51,7 @@ def load(
         LimitExceeded: The tree's memory is full, or it has too many frames.
     """
     done = 0
+    tree._is_recorded = True
     for block in recording.blocks(until_ns):
         for _ in valid_commits(recording, tree, block.rows, block.static):
             pass

@@ -55,7 +55,7 @@ def _found(args: argparse.Namespace) -> tuple[Explanation, tuple[dict[str, objec
     time = recorded.time_at(args, recorded_time)
     tree, range_ns = recorded.loaded(args)
     stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
-    return tree._explain(args.target, args.source, stamp_ns, recorded=True), None
+    return tree.explain(args.target, args.source, stamp_ns), None
 
 
 def _now(tf: TransformClient, found: Explanation) -> tuple[dict[str, object], str] | None:
