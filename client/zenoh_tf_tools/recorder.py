@@ -177,13 +177,13 @@ class Recorder:
             self.counters.missed_commits += max(0, seq - self._seq)
         self._instance, self._seq, self._plan = instance, seq, None
         frames, self._snapshot = [wire.Frames(piece) for piece in self._snapshot], []
-        if not frames:
-            return
         self._versions = {
             each.names[name]: version
             for each in frames
             for name, version in zip(each.frame.tolist(), each.version.tolist(), strict=True)
         }
+        if not frames:
+            return
         static, histories = _rows_of(frames)
         count = len(histories)
         times = np.full(count, time.time_ns())

@@ -312,6 +312,25 @@ def test_another_server_takes_over(
     assert "another server has the tree; recording continues" in errors
 
 
+def test_another_server_whose_commits_are_fewer(start_server: StartServer, tmp_path: Path) -> None:
+    """Its numbers begin again, so what the first server's snapshot had says nothing of it."""
+    server = start_server()
+    with server.connect() as tf:
+        for stamp_ns in range(1, 9):
+            tf.set_transform(StampedTransform("a", "b", stamp_ns, pose(1.0)))
+        recorder = Recorder(tf, RecordingWriter(tmp_path / "run.mcap", {}))
+        recorder.wait_for_copy(TIMEOUT_S)
+        server.kill()
+        server = start_server(endpoint=server.endpoint)
+        wait_until(lambda: recorder.counters.servers == 2)
+        with server.connect() as other:
+            other.set_transform(StampedTransform("a", "b", 9, pose(1.0)))
+            other.set_transform(StampedTransform("a", "b", 10, pose(1.0)))
+        wait_until(lambda: recorder.counters.transforms == 10)
+        recorder.close()
+    assert TransformTree.from_recording(tmp_path / "run.mcap").frame("b").samples == 10
+
+
 def test_what_the_format_cannot_hold_is_counted(
     client: TransformClient,
     server: ServerProcess,

@@ -153,17 +153,17 @@ def gaps(facts: TreeFacts) -> Evidence:
         least_ns = max(_GAP_S * 1e9, _GAP_PERIODS * period_ns)
         found = [p for p in seen.timing.pauses if p.is_gap and p.length_ns > least_ns]
         own = [pause for pause in found if not facts.is_shared(link, pause)]
-        told = own or [p for p in found if facts.is_shared(link, p, gaps_only=True)]
-        if told:
+        pauses = own or [p for p in found if facts.is_shared(link, p, gaps_only=True)]
+        if pauses:
             evidence = (
-                f"no sample came for {age(max(pause.length_ns for pause in told))}, although they "
+                f"no sample came for {age(max(p.length_ns for p in pauses))}, although they "
                 f"come at {1e9 / period_ns:.1f} Hz from {authority(link.frame.authority)}"
             )
             if own:
                 yield link.frame.name, evidence
             else:
                 shared.append((period_ns, link.frame.name, evidence))
-    if shared:  # the fastest link tells the length best
+    if shared:  # the length is known best of the fastest link
         _, name, evidence = min(shared)
         yield (
             name,
