@@ -171,6 +171,7 @@ def test_a_thread_may_spin_the_node() -> None:
         (lambda: tf2.TransformListener(Node("robot"), tf2.Buffer()), "buffer"),
         (lambda: tf2.TransformListener(Node("robot")), "buffer"),
         (lambda: tf2.TransformListener(tf2.Buffer(), "robot"), "node"),
+        (lambda: tf2.TransformListener(tf2.BufferInterface(), "robot"), "node"),
         (lambda: tf2.TransformBroadcaster("robot"), "node"),
         (lambda: tf2.StaticTransformBroadcaster(tf2.Buffer()), "node"),
     ],

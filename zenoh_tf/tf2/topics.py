@@ -26,20 +26,22 @@ _subscribers: dict[object, tuple[str, Callable[[Any], object]]] = {}
 _statics: dict[str, StampedTransform] = {}  # the last of each child, for later subscribers
 
 
-def is_node(node: Any) -> bool:
-    """Whether an object has topics. It may lack them if it has a name; else it is no node."""
-    if hasattr(node, "create_subscription") and hasattr(node, "create_publisher"):
-        return True
-    if node is not None and not hasattr(node, "get_name"):
+def has_topics(node: Any) -> bool:
+    """Whether an object is a node with topics of its own."""
+    return hasattr(node, "create_subscription") and hasattr(node, "create_publisher")
+
+
+def check_node(node: Any) -> None:
+    """Raise InvalidArgumentException if an object other than None has neither topics nor a name."""
+    if node is not None and not has_topics(node) and not hasattr(node, "get_name"):
         raise must_be("node", "a node of rclpy, or None", node)
-    return False
 
 
 def subscribe(
     node: Any, topic: str, callback: Callable[[Any], object], qos: Any, *, static: bool
 ) -> Callable[[], object]:
     """Call back with the messages of a topic. Returns what ends that."""
-    if is_node(node):
+    if has_topics(node):
         from rclpy.callback_groups import ReentrantCallbackGroup  # noqa: PLC0415 - ROS 2's
         from tf2_msgs.msg import TFMessage  # noqa: PLC0415
 
@@ -56,7 +58,7 @@ def subscribe(
 
 def publisher(node: Any, qos: Any, *, static: bool) -> Send:
     """Return what publishes on /tf, or with `static` on /tf_static."""
-    if not is_node(node):
+    if not has_topics(node):
         return _send_static if static else _send
     from geometry_msgs.msg import TransformStamped  # noqa: PLC0415 - ROS 2's
     from tf2_msgs.msg import TFMessage  # noqa: PLC0415

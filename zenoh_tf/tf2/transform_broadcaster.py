@@ -37,7 +37,7 @@ class TransformBroadcaster:
 
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         server = self._server or sources.connected()
-        topics.is_node(node)  # raises
+        topics.check_node(node)
         if server is None:
             self._send = topics.publisher(node, qos, static=self._static)
         else:

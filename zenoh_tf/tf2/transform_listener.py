@@ -57,6 +57,7 @@ class TransformListener:
         setters = hasattr(buffer, "set_transform") and hasattr(buffer, "set_transform_static")
         if not setters and not isinstance(buffer, BufferInterface):
             raise must_be("buffer", "a Buffer", buffer)
+        topics.check_node(node)
         self.buffer = buffer
         self.node = node
         self._ends: list[Callable[[], object]] = []
@@ -73,7 +74,7 @@ class TransformListener:
             if not static_only:
                 self._listen(tf_topic, qos, static=False)
             self._listen(tf_static_topic, static_qos, static=True)
-            if spin_thread and topics.is_node(node):
+            if spin_thread and topics.has_topics(node):
                 from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415 - ROS 2's
 
                 executor = SingleThreadedExecutor()
@@ -100,7 +101,7 @@ class TransformListener:
 
         end = topics.subscribe(self.node, topic, receive, qos, static=static)
         self._ends.append(end)
-        if not topics.is_node(self.node):  # a node keeps its subscriptions itself
+        if not topics.has_topics(self.node):  # a node keeps its subscriptions itself
             weakref.finalize(self.buffer, end)
 
 
