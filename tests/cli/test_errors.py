@@ -108,7 +108,7 @@ AMBIGUOUS = "is ambiguous: {0} seconds or {0} milliseconds"
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("", "the following arguments are required: COMMAND"),
+        ("--tree main", "the following arguments are required: COMMAND"),
         ("fly", "there is no command 'fly'; zenoh-tf --help lists all"),
         ("lokup map base", "there is no command 'lokup'; did you mean 'lookup'?"),
         ("calibration sav x", "there is no action 'sav'; did you mean 'save'?"),
@@ -188,6 +188,12 @@ def test_wrong_usage(command: Run, line: str, message: str) -> None:
         first, usage, *_ = done.stderr.splitlines()
         assert first.startswith("zenoh-tf") and ": error: " in first
         assert usage.startswith("usage: zenoh-tf")
+
+
+def test_no_arguments_print_the_help(command: Run) -> None:
+    done, asked = command(), command("--help")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == asked.stdout
 
 
 def test_interrupted() -> None:

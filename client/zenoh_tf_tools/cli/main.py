@@ -68,6 +68,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Names may have characters that the terminal's encoding lacks.
         sys.stdout.reconfigure(errors="backslashreplace")
     parser = _parser(json_errors="--json" in given)
+    if not given:
+        parser.print_help(sys.stderr)
+        return 2
     args, unknown = parser.parse_known_args(_for_argparse(given))
     if unknown:  # of the command: the parser above would show its own usage
         args.usage_error(f"unrecognized arguments: {' '.join(unknown)}")
