@@ -66,14 +66,19 @@ def test_a_joint_that_mimics_another_follows_until_it_is_given() -> None:
     np.testing.assert_allclose(given.pose(), before.pose(), atol=1e-12)
 
 
-def test_the_first_position_is_within_the_limits(tmp_path: Path) -> None:
+def test_only_the_first_position_is_within_the_limits(tmp_path: Path) -> None:
     file = tmp_path / "knee.urdf"
     file.write_text(
         '<robot name="knee"><link name="a"/><link name="b"/><joint name="knee" type="revolute">'
         '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
         '<limit lower="1" upper="2" effort="1" velocity="1"/></joint></robot>'
     )
-    assert Urdf(file, TransformTree()).positions == {"knee": 1.5}
+    tree = TransformTree()
+    knee = Urdf(file, tree, stamp_ns=S)
+    assert knee.positions == {"knee": 1.5}
+    knee.set_joints({"knee": 2.5}, 2 * S)
+    rpy = tree.lookup_transform("a", "b", 2 * S).transform.rpy()
+    np.testing.assert_allclose(rpy, (0.0, 0.0, 2.5), atol=1e-12)
 
 
 def test_wrong_positions_store_nothing() -> None:

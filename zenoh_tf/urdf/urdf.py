@@ -134,8 +134,9 @@ class Urdf:
         """Store all joints, some of them with new positions, at one stamp.
 
         Args:
-            positions: By the joint: radians; metres of sliding joints. The others stay. A joint
-                that mimics another may be given, and no longer mimics it then.
+            positions: By the joint: radians; metres of sliding joints, stored as they are, also
+                beyond the joint's limits. The others stay. A joint that mimics another may be
+                given, and no longer mimics it then.
             stamp_ns: As of `publish`.
 
         Raises:
