@@ -193,6 +193,7 @@ class Pair {
 
  private:
   friend class Tree;
+  friend class Link;
   Pair(const ztf_tree* tree, std::string target, std::string source)
       : tree_(tree), target_name_(std::move(target)), source_name_(std::move(source)) {}
 
@@ -224,6 +225,31 @@ class Pair {
   const ztf_tree* tree_;
   std::string target_name_, source_name_;
   ztf_frame target_ = ztf_frame(), source_ = ztf_frame();  // stale at first
+};
+
+// A link that this program appends to, without its names: a pair, whose target is the parent. Once
+// the link was set, and unless its frames were removed, append() finds them.
+class Link : public Pair {
+ public:
+  // Returns false if the transform is too old to be stored.
+  bool append(Stamp stamp, const Pose& pose) {
+    std::size_t stored = 0;
+    follow([&](ztf_error* error) {
+      return ztf_append(written_, &target_, &source_, &stamp, &pose, 1, authority_.c_str(), &stored,
+                        error);
+    });
+    return stored != 0;
+  }
+
+ private:
+  friend class Tree;
+  Link(ztf_tree* tree, std::string parent, std::string child, std::string authority)
+      : Pair(tree, std::move(parent), std::move(child)),
+        written_(tree),
+        authority_(std::move(authority)) {}
+
+  ztf_tree* written_;
+  std::string authority_;
 };
 
 // What a transaction looks up and sets, see Tree::transact().
@@ -392,6 +418,10 @@ class Tree {
   // Needs no frame of these names yet.
   Pair pair(std::string target, std::string source) const {
     return Pair(tree_, std::move(target), std::move(source));
+  }
+
+  Link link(std::string parent, std::string child, std::string authority = std::string()) {
+    return Link(tree_, std::move(parent), std::move(child), std::move(authority));
   }
 
   std::vector<std::string> frames() const {

@@ -108,6 +108,12 @@ std::string run(const std::string& command, std::istream& words) {
     Pose p;
     words >> is_static >> p.x >> p.y >> p.z >> p.qx >> p.qy >> p.qz >> p.qw;
     tree->set(a, b, stamp, p, "", is_static);
+  } else if (command == "append") {
+    words >> a >> b;
+    const Stamp stamp = stamp_of(words);
+    double x = 0;
+    words >> x;
+    reply << tree->link(a, b, "writer").append(stamp, {x, 0, 0, 0, 0, 0, 1});
   } else if (command == "write_through") {
     tree->write_through(query_by_test, nullptr, ms_of(words));
   } else if (command == "set_xact") {  // two links of the same stamp, each with x

@@ -16,6 +16,8 @@ constexpr std::chrono::nanoseconds kLong = std::chrono::minutes(2);
 Pose pose_of(const ztf_pose& p) { return {p.x, p.y, p.z, p.qx, p.qy, p.qz, p.qw}; }
 ztf_pose c_pose(const Pose& p) { return {p.x, p.y, p.z, p.qx, p.qy, p.qz, p.qw}; }
 
+ztf_pose at(double x) { return {x, 0, 0, 0, 0, 0, 1}; }
+
 ztf_error new_error() {
   ztf_error error{};
   error.size = sizeof error;
@@ -269,6 +271,86 @@ TEST(a_reference_notices_that_its_id_was_given_away) {
   CHECK_EQ(int{ztf_lookup_ref(tree.get(), ZTF_LATEST, &base, &base, 0, nullptr, nullptr)},
            int{ZTF_STALE_FRAME});
   CHECK_EQ(pair.lookup().pose.x, 7);  // finds the names again
+  CHECK(tree.link("map", "base").append(3000, {8, 0, 0, 0, 0, 0, 1}));
+  CHECK_EQ(pair.latest().pose.x, 8);
+}
+
+TEST(an_append_is_a_set_of_a_link_that_was_found) {
+  zenoh_tf::Options options;
+  options.cache_time_ns = 1000;
+  zenoh_tf::Tree tree(options), other;
+  const ztf_pose poses[] = {at(1), at(2), at(3)};
+  zenoh_tf::Link link = tree.link("map", "base", "driver");
+  CHECK_EQ(int{thrown([&] { link.append(1000, poses[0]); })}, int{ZTF_LOOKUP});  // not set yet
+  tree.set("map", "base", 1000, poses[0]);
+  CHECK(link.append(2500, poses[1]));
+  CHECK_EQ(link.latest().pose.x, 2);
+  CHECK_EQ(std::string(tree.info("base").authority), "driver");
+  CHECK(!link.append(1, poses[0]));  // too old
+  CHECK_EQ(int{thrown([&] { link.append(3000, {}); })}, int{ZTF_INVALID_ARGUMENT});
+
+  ztf_frame map, base;
+  CHECK_EQ(int{ztf_resolve(tree.get(), "map", &map, nullptr)}, int{ZTF_OK});
+  CHECK_EQ(int{ztf_resolve(tree.get(), "base", &base, nullptr)}, int{ZTF_OK});
+  const std::int64_t stamps[] = {3000, 1, 2800};
+  std::size_t stored = 9;
+  ztf_error error = new_error();
+  const auto append = [&](zenoh_tf::Tree& to, const ztf_frame& parent, const ztf_frame& child) {
+    return int{ztf_append(to.get(), &parent, &child, stamps, poses, 3, nullptr, &stored, &error)};
+  };
+  CHECK_EQ(append(tree, map, base), int{ZTF_OK});
+  CHECK_EQ(stored, std::size_t{2});
+  CHECK_EQ(tree.lookup("map", "base", 2900).pose.x, 2);
+  CHECK_EQ(append(tree, base, base), int{ZTF_INVALID_ARGUMENT});
+  CHECK_EQ(std::string(error.message),
+           "cannot set the transform of child 'base' in parent 'base' (index 0): a frame cannot be "
+           "its own parent");
+  other.set("map", "base", 1, poses[0]);
+  CHECK_EQ(append(other, map, base), int{ZTF_STALE_FRAME});
+  CHECK_EQ(append(tree, map, {}), int{ZTF_STALE_FRAME});
+
+  tree.clear();
+  CHECK_EQ(append(tree, base, map), int{ZTF_OK});  // neither has a parent now
+  CHECK_EQ(append(tree, map, base), int{ZTF_INVALID_ARGUMENT});
+  CHECK(std::strstr(error.message, "cycle"));
+  tree.set("odom", "map", 4000, poses[0]);
+  CHECK_EQ(append(tree, base, map), int{ZTF_INVALID_ARGUMENT});
+  CHECK_EQ(std::string(error.message),
+           "cannot set the transform of child 'map' in parent 'base' (index 1): the frame has "
+           "another parent now");
+  CHECK_EQ(std::string(error.field) + ' ' + error.frame, "parent_frame map");
+  CHECK_EQ(tree.parent("map"), "odom");
+  tree.remove_frame("base");
+  CHECK_EQ(append(tree, map, base), int{ZTF_STALE_FRAME});
+  CHECK_EQ(tree.frames().size(), std::size_t{2});
+}
+
+TEST(an_append_to_a_full_tree_is_refused_by_its_names) {
+  zenoh_tf::Options options;
+  options.max_memory_bytes = 1 << 16;
+  zenoh_tf::Tree tree(options);
+  tree.set("map", "base", 0, at(0));
+  zenoh_tf::Link link = tree.link("map", "base");
+  try {
+    for (Stamp stamp = 1;; ++stamp) link.append(stamp, at(1));
+  } catch (const zenoh_tf::TransformException& error) {
+    CHECK_EQ(int{error.code()}, int{ZTF_LIMIT});
+    CHECK_EQ(std::string(error.facts().parent_frame) + ' ' + error.facts().frame, "map base");
+  }
+}
+
+TEST(an_append_to_a_servers_tree_is_checked_and_then_sent) {
+  const SocketFolder folder;
+  Owner owner(folder, "a1");
+  owner.world.set("map", "base", 1000, at_x(1));
+  zenoh_tf::Tree tree = zenoh_tf::Tree::open("main", folder.path);
+  zenoh_tf::Link link = tree.link("map", "base");
+  const auto appended = [&] { return int{thrown([&] { link.append(2000, at(2)); })}; };
+  CHECK_EQ(appended(), int{ZTF_READ_ONLY});
+  owner.world.set("odom", "base", 2000, at_x(1));
+  CHECK_EQ(appended(), int{ZTF_INVALID_ARGUMENT});
+  owner.world.tree.remove_frame("base", false);
+  CHECK_EQ(appended(), int{ZTF_LOOKUP});
 }
 
 TEST(a_lookup_waits_for_a_commit) {

@@ -69,6 +69,9 @@ def test_what_it_writes_is_everybodys(start_sharing: StartServer, socket_folder:
         assert set_x(writer, 1000, 2)[0] == "ok"
         assert x_of(writer) == 2  # at once, in the server's memory
         assert tf.lookup_latest_transform("map", "base").transform.translation[0] == 2
+        assert writer.do("append", "map", "base", 20_000_000_000, 5) == ["1"]
+        assert tf.lookup_transform("map", "base", 20_000_000_000).transform.translation[0] == 5
+        assert writer.do("append", "map", "base", 0, 5) == ["0"]  # too old
         writer.do("set_xact", "map", "arm", "arm", "hand", 1000, 1, 3)
         assert tf.lookup_transform("map", "hand", 1000).transform.translation[0] == 4
         writer.do("remove", "hand")

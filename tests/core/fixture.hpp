@@ -105,6 +105,20 @@ class World {
     if (stored && !rejected) *stored = flags;
     return rejected;
   }
+  // Commits one row by references, where parent is the first.
+  std::optional<Rejected> append(const std::vector<NameRef>& frames, Stamp stamp, const Pose& pose,
+                                 const std::string& authority = {}) {
+    const Row row{0, 1, stamp, pose};
+    std::uint8_t stored = 0;
+    return rejection([&] {
+      tree.commit({.names = {},
+                   .rows = {&row, 1},
+                   .frames = frames,
+                   .authority = authority,
+                   .drop_old = true},
+                  {&stored, 1});
+    });
+  }
   // Returns true if the row was stored, false if it was dropped as too old. Fails the test
   // otherwise.
   bool set(const std::string& parent, const std::string& child, Stamp stamp, const Pose& pose = {},

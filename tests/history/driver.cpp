@@ -71,7 +71,7 @@ std::int64_t now_ns() {
 struct World {
   World(const Options& options) : tree(options) {
     for (int frame = 0; frame <= kLinks; ++frame) names.push_back("frame" + std::to_string(frame));
-    commit((1u << kLinks) - 1, 0, {}, {});
+    commit((1u << kLinks) - 1, 0, {}, {}, false);
     ids = ids_in(tree);
     if (tree.change_log()) {
       mirror = std::make_unique<Mirror>(tree);
@@ -107,8 +107,9 @@ struct World {
     return rows;
   }
 
-  // `read_ids`: the ids that the read set has.
-  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads, const Ids& read_ids) {
+  // `read_ids`: the ids that the read set has. `by_refs`: by references in the place of names.
+  Outcome commit(unsigned links, Stamp stamp, const ReadSet* reads, const Ids& read_ids,
+                 bool by_refs) {
     std::vector<std::string_view> frames(names.begin(), names.end()), read_names;
     std::vector<Version> read_versions;
     const std::vector<Row> rows = rows_of(links, stamp);
@@ -119,12 +120,22 @@ struct World {
         read_versions.push_back(read.version);
       }
     std::vector<std::uint8_t> stored(rows.size());
+    std::vector<NameRef> refs;
+    if (by_refs) {
+      for (const std::string_view name : frames) refs.push_back(tree.find_ref(name));
+      frames.clear();
+    }
     try {
-      tree.commit(
-          {.names = frames, .rows = rows, .read_names = read_names, .read_versions = read_versions},
-          stored);
+      tree.commit({.names = frames,
+                   .rows = rows,
+                   .frames = refs,
+                   .read_names = read_names,
+                   .read_versions = read_versions},
+                  stored);
     } catch (const Rejected& refused) {
       if (refused.code == Code::conflict) return conflict;
+      if (by_refs && refused.field == "parent_frame")  // it would give a frame another parent
+        return commit(links, stamp, reads, read_ids, false);
       if (refused.code == Code::invalid_argument && refused.field == "stamp_ns") return late;
       fail("refused: " + refused.message);
     }
@@ -239,7 +250,8 @@ class Client {
   bool write(const ReadSet* reads) {
     const std::optional<Write> begun = begin_write();
     if (!begun) return false;
-    const Outcome outcome = world_.commit(begun->links, begun->stamp, reads, ids_);
+    const Outcome outcome =
+        world_.commit(begun->links, begun->stamp, reads, ids_, random_() % 3 == 0);
     transactions.back().outcome = outcome;
     has_committed_ = outcome == committed;
     return true;

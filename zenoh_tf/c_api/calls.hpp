@@ -30,8 +30,7 @@ struct ztf_tree {
 
 namespace ztf::c_api {
 
-constexpr auto kFailed = Code{ZTF_FAILED}, kStale = Code{ZTF_STALE_FRAME},
-               kTooSmall = Code{ZTF_BUFFER_TOO_SMALL};
+constexpr auto kFailed = Code{ZTF_FAILED}, kTooSmall = Code{ZTF_BUFFER_TOO_SMALL};
 
 // --- values
 
@@ -57,6 +56,11 @@ template <class Struct>
 Struct read_sized(const Struct* in, Struct value) noexcept {
   if (in) std::memcpy(&value, in, std::min<std::size_t>(in->size, sizeof value));
   return value;
+}
+
+// A frame as this tree's, or no frame if it is another's.
+inline NameRef ref_of(const ztf_frame& frame, std::uint64_t tree_number) noexcept {
+  return frame.tree == tree_number ? NameRef{frame.id, frame.generation} : NameRef();
 }
 
 inline void set_answer(const Answer& a, ztf_answer* out) noexcept {

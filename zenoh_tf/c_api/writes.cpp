@@ -7,6 +7,7 @@
 #include "by_name/errors.hpp"
 #include "by_name/rows.hpp"
 #include "c_api/calls.hpp"
+#include "commits/validation.hpp"
 
 // The reads of a transaction, and the rows that it will write.
 struct ztf_transaction {
@@ -66,6 +67,49 @@ Code set_all(ztf_tree* tree, const ztf_transform* transforms, std::size_t count,
           .drop_old = drop_old},
          {results.begin(), results.size()});
   if (stored) *stored = results[0] == RowResult::stored;
+  return Code::ok;
+}
+
+// The names of a server's link, as the server commits by names. Throws Rejected if it has none.
+std::vector<std::string> names_of_link(const ServerTree& server, const ztf_frame& parent,
+                                       const ztf_frame& child) {
+  return server.read([&](const SharedTree& of, std::uint64_t number) {
+    const NameRef refs[] = {ref_of(parent, number), ref_of(child, number)};
+    std::vector<std::string> names;
+    for (const NameRef& ref : refs) {
+      names.push_back(of.name(ref.id));
+      if (!of.is_current(ref) || of.removed(ref.id)) reject_stale();
+    }
+    if (const FrameId now = of.parent(refs[1].id, kNoStamp); now != 0 && now != refs[0].id)
+      reject(Code::invalid_argument, "the frame has another parent now", "parent_frame");
+    return names;
+  });
+}
+
+Code append(ztf_tree* tree, const ztf_frame& parent, const ztf_frame& child,
+            const std::int64_t* stamps, const ztf_pose* poses, std::size_t count,
+            const char* authority, std::size_t* stored) {
+  SmallVector<Row, 16> rows;
+  SmallVector<std::uint8_t, 16> results;
+  (void)results.append(count);
+  Row* row = rows.append(count);
+  for (std::size_t i = 0; i < count; ++i) *row++ = {0, 1, stamps[i], pose_of(poses[i])};
+  CommitRequest request{.names = {},
+                        .rows = {rows.begin(), rows.size()},
+                        .authority = authority ? authority : "",
+                        .drop_old = true};
+  const std::span<std::uint8_t> done(results.begin(), results.size());
+  if (tree->own) {
+    const NameRef frames[] = {ref_of(parent, tree->number), ref_of(child, tree->number)};
+    request.frames = frames;
+    tree->own->commit(request, done);
+  } else {
+    const std::vector<std::string> texts = names_of_link(*tree->server, parent, child);
+    const std::string_view names[] = {texts[0], texts[1]};
+    request.names = names;
+    commit(tree, request, done);
+  }
+  if (stored) *stored = static_cast<std::size_t>(std::ranges::count(done, RowResult::stored));
   return Code::ok;
 }
 
@@ -183,6 +227,14 @@ ztf_code ztf_set_xact(ztf_tree* tree, const ztf_transform* transforms, size_t co
                       const char* authority, int32_t flags, ztf_error* error) {
   return guarded(tree, error, [&] {
     return set_all(tree, transforms, count, authority, flags, false, nullptr);
+  });
+}
+
+ztf_code ztf_append(ztf_tree* tree, const ztf_frame* parent, const ztf_frame* child,
+                    const int64_t* stamps_ns, const ztf_pose* poses, size_t count,
+                    const char* authority, size_t* stored, ztf_error* error) {
+  return guarded(tree, error, [&] {
+    return append(tree, *parent, *child, stamps_ns, poses, count, authority, stored);
   });
 }
 

@@ -14,6 +14,7 @@
 #include "by_name/errors.hpp"
 #include "by_name/lookup.hpp"
 #include "c_api/calls.hpp"
+#include "commits/validation.hpp"
 #include "reads/sample_block.hpp"
 #include "system/host.hpp"
 
@@ -24,7 +25,8 @@ namespace {
 static_assert(sizeof(Pose) == sizeof(ztf_pose) && offsetof(ztf_pose, qw) == offsetof(Pose, qw));
 static_assert(ZTF_NO_STAMP == kNoStamp && ZTF_NO_GAPS == kNoGaps);
 static_assert(ZTF_AT == int(Op::at) && ZTF_LATEST_XACT == int(Op::latest_xact));
-static_assert(ZTF_SERVER_STARTING == int(Code::starting) && ZTF_GAP == int(Code::gap));
+static_assert(ZTF_SERVER_STARTING == int(Code::starting) && ZTF_GAP == int(Code::gap) &&
+              ZTF_STALE_FRAME == int(Code::stale_frame));
 
 constexpr std::chrono::milliseconds kAskAgain{1};
 
@@ -148,17 +150,15 @@ ztf_code look_up_op(Op op, const ztf_tree* tree, const char* target, const char*
 
 // --- lookups by references
 
-NameRef ref_of(const ztf_frame& frame) noexcept { return {frame.id, frame.generation}; }
-
 // True if the ids have belonged to the names since they were found.
 template <class AnyTree>
 bool is_current(const AnyTree& tree, std::uint64_t number, const ztf_frame& frame) noexcept {
-  return frame.tree == number && tree.is_current(ref_of(frame));
+  return frame.tree == number && tree.is_current(ref_of(frame, number));
 }
 
 Code stale(ztf_error* error) {
-  if (error) reject(kStale, "the frame is of another tree, or was removed: resolve its name again");
-  return kStale;
+  if (error) reject_stale();
+  return Code::stale_frame;
 }
 
 // The id of a frame as a lookup by its name would find it: 0 if the frame was removed.

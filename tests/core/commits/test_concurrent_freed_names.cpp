@@ -44,6 +44,20 @@ struct Rounds {
         CHECK(refused->code == Code::limit || refused->code == Code::invalid_argument);
     }
   }
+  void append(const std::atomic<bool>& stop) {
+    for (Stamp stamp = 2; !stop; ++stamp) {
+      const int n = round;
+      const std::vector<NameRef> link{w.tree.find_ref(nth("parent", n)),
+                                      w.tree.find_ref(nth("child", n))};
+      // Every other time by a new authority, which needs the topology mutex.
+      const auto refused =
+          w.append(link, stamp, at_x(n), stamp % 2 ? "" : nth("authority", stamp % 1000));
+      if (!refused)
+        ++appended;
+      else
+        CHECK_EQ(refused->code, Code::stale_frame);
+    }
+  }
   void read(const std::atomic<bool>& stop) {
     for (int i = 0; !stop; ++i) {
       const int n = round;
@@ -74,7 +88,9 @@ struct Rounds {
     }
   }
   void advance() {
-    const auto enough = [&] { return found >= 50 && waited >= 5 && written >= 50; };
+    const auto enough = [&] {
+      return found >= 50 && waited >= 5 && written >= 50 && appended >= 50;
+    };
     for (int n = 1; n <= kRounds || !enough(); ++n) {
       while (const auto refused = commit(w, n, 1)) {
         CHECK_EQ(refused->code, Code::limit);  // others brought older names back
@@ -87,7 +103,7 @@ struct Rounds {
   }
 
   World w;
-  std::atomic<int> round{0}, found{0}, waited{0}, written{0};
+  std::atomic<int> round{0}, found{0}, waited{0}, written{0}, appended{0};
 };
 
 }  // namespace
@@ -96,6 +112,7 @@ TEST_EACH_MODE(no_pose_is_found_under_another_name) {
   Rounds rounds(c);
   ThreadGroup threads;
   threads.background([&](const std::atomic<bool>& stop) { rounds.write(stop); });
+  threads.background([&](const std::atomic<bool>& stop) { rounds.append(stop); });
   threads.background([&](const std::atomic<bool>& stop) { rounds.read(stop); });
   threads.background([&](const std::atomic<bool>& stop) { rounds.wait(stop); });
   threads.foreground([&] { rounds.advance(); });

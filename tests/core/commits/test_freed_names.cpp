@@ -234,3 +234,16 @@ TEST(a_waiting_lookup_follows_its_name_to_another_id) {
   CHECK(waiter.lookup_or_park());
   CHECK_EQ(waiter.answer().pose.x, 7.0);
 }
+
+TEST(a_write_by_references_never_reaches_the_next_owner_of_an_id) {
+  World w(Options{.max_frames = 3});
+  w.set("root", "a", 1);
+  const std::vector<NameRef> link{w.tree.find_ref("root"), w.tree.find_ref("a")};
+  CHECK(!w.append(link, 2, at_x(2)));
+  remove(w, "a");
+  CHECK_EQ(w.append(link, 3, at_x(3))->code, Code::stale_frame);
+  fill(w);
+  CHECK_EQ(w.append(link, 4, at_x(4))->code, Code::stale_frame);
+  CHECK_EQ(w.append({link[0], {}}, 4, at_x(4))->code, Code::stale_frame);
+  CHECK_EQ(w.ask(Op::latest, "root", "filler0").pose.x, 0.0);
+}

@@ -23,6 +23,7 @@ enum class Code : std::uint8_t {
   protocol = 16,
   gap = 22,
   starting = 23,
+  stale_frame = 64,  // of references, which C has and Python has not
 };
 
 }  // namespace ztf

@@ -65,8 +65,10 @@ void commit(TreeState& tree, const CommitRequest& request, std::span<std::uint8_
   execution.notify_waiters();
 }
 
-Rejected rejection_of(const TreeState& tree, const CommitRequest& request, const Row& row,
+Rejected rejection_of(const TreeState& tree, const CommitRequest& given, const Row& row,
                       std::uint8_t result) {
+  const NamedRequest named(tree, given);
+  const CommitRequest& request = *named;
   switch (result) {
     case RowResult::other_authority: {
       const FrameId child = tree.names.find(stripped(request.names[row.child]));

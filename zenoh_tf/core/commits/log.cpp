@@ -22,7 +22,8 @@ Version version_of_created(const Frame& frame, FrameId id, const WriteLocks& loc
 
 void CommitExecution::log(LogTicket& ticket, const WriteLocks& locks) const {
   if (!ticket.wants_entry()) return;
-  const CommitRequest& request = plan_.request();
+  const NamedRequest named(tree_, plan_.request());
+  const CommitRequest& request = *named;
   const CommitNames& names = plan_.names();
   std::vector<std::pair<std::string_view, FrameId>> created;
   names.for_each_new([&](std::string_view name, FrameId id) {
@@ -38,14 +39,14 @@ void CommitExecution::log(LogTicket& ticket, const WriteLocks& locks) const {
   for (const FrameWrites& group : plan_.groups())
     changes += group.end - group.begin + group.restarts + plan_.is_first_reparenting();
   const auto name_count = static_cast<std::uint32_t>(request.names.size());
-  for (std::uint32_t i = 0; i < name_count; ++i) bytes += names.name(i).size();
+  for (const std::string_view name : request.names) bytes += name.size();
   for (const auto& [name, id] : created) bytes += name.size();
   for (const auto& [name, version] : others) bytes += name.size();
   LogEntry* const entry =
       ticket.make_entry(changes, name_count + created.size() + others.size() + 1, bytes);
   if (!entry) return;
 
-  for (std::uint32_t i = 0; i < name_count; ++i) entry->add_name(names.name(i));
+  for (const std::string_view name : request.names) entry->add_name(stripped(name));
   for (const auto& [name, id] : created) {
     const Version version =
         version_of_created(tree_.frames[id], id, locks, plan_.is_first_reparenting());

@@ -6,7 +6,8 @@
 //
 // Thread safety: lives on the writer's stack. Assigning ids and publishing names require the
 // topology mutex: it keeps a new name new, and the next id free.
-// Invariant: ids that were found without the mutex may be stale, which is safe.
+// Invariant: ids that were found without the mutex, by names or from references that were still
+// current, may be stale, which is safe.
 // 1. If a frame was removed, and its id is still its own or nobody's: a removed child has no
 //    parent, and a removed parent has no children. So the row stores another parent than the child
 //    has: CommitPlan::decide() asks for the topology mutex, and the names are looked up again.
@@ -28,6 +29,24 @@
 
 namespace ztf {
 
+// A request with the names of its frames, for texts.
+class NamedRequest {
+ public:
+  NamedRequest(const TreeState& tree, const CommitRequest& request) : request_(request) {
+    for (const NameRef& frame : request.frames) texts_.push_back(tree.name(frame.id));
+    names_.assign(texts_.begin(), texts_.end());
+    if (!names_.empty()) request_.names = names_;
+  }
+  NamedRequest(const NamedRequest&) = delete;
+  NamedRequest& operator=(const NamedRequest&) = delete;
+  [[nodiscard]] const CommitRequest& operator*() const noexcept { return request_; }
+
+ private:
+  CommitRequest request_;
+  std::vector<std::string> texts_;
+  std::vector<std::string_view> names_;
+};
+
 class CommitNames {
  public:
   CommitNames(TreeState& tree, const CommitRequest& request) : tree_(tree), request_(request) {
@@ -36,11 +55,11 @@ class CommitNames {
       *name = stripped(as_given);
       all_valid_ &= is_valid_name(*name++, tree.options);
     }
-    (void)ids_.append(request.names.size());
+    (void)ids_.append(request.names.size() + request.frames.size());
     ids_freed_ = tree.ids_freed.load(std::memory_order_acquire);
     find();
     // Names that frames have were checked when they were new.
-    for (std::size_t i = 0; i < ids_.size(); ++i)
+    for (std::size_t i = 0; i < names_.size(); ++i)
       all_valid_ &= ids_[i] != 0 || !has_zero(names_[i]);
     yield_point();
   }
@@ -49,8 +68,6 @@ class CommitNames {
   [[nodiscard]] bool all_valid() const noexcept { return all_valid_; }
   // The id of a name of the request; 0 if the name is new.
   [[nodiscard]] FrameId id(std::uint32_t index) const noexcept { return ids_[index]; }
-  // The name itself, as it is stored.
-  [[nodiscard]] std::string_view name(std::uint32_t index) const noexcept { return names_[index]; }
 
   // Looks up the authority, and with `may_add` looks up the names again and forgets the ids that an
   // earlier attempt has assigned. Returns false if a name or the authority is new and may not be
@@ -164,7 +181,19 @@ class CommitNames {
     return most;
   }
 
-  void find() noexcept { tree_.names.find_each({names_.begin(), names_.size()}, ids_.begin()); }
+  void find() {
+    if (!request_.frames.empty()) [[unlikely]]
+      return find_frames();
+    tree_.names.find_each({names_.begin(), names_.size()}, ids_.begin());
+  }
+  // Throws Rejected if one was removed. Not inlined: most commits come with names.
+  [[gnu::noinline]] void find_frames() {
+    FrameId* id = ids_.begin();
+    for (const NameRef& frame : request_.frames) {
+      if (!tree_.names.is_current(frame) || tree_.names.removed(frame.id)) reject_stale();
+      *id++ = frame.id;
+    }
+  }
 
   // Returns the id that a new name will have. Throws Rejected at the limit of frames.
   FrameId assign_id(std::string_view name) {

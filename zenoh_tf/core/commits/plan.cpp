@@ -229,6 +229,9 @@ void CommitPlan::decide_rows(FrameWrites& group) {
   if (is_late && !group.restarts) record_late(group, newest);
   for (std::uint32_t i = group.begin; i < group.end; ++i) {
     RowWrite& write = writes_[i];
+    if (!request_.frames.empty() && parent_before != 0 && write.parent != parent_before)
+      reject(*NamedRequest(tree_, request_), request_.rows[write.row], "parent_frame",
+             "the frame has another parent now");
     if (may_be_strays && write.stamp > newest && span_ns(newest, write.stamp) > limits_.cache_ns) {
       if (refuse_strays(group, i, newest)) break;
       may_be_strays = false;  // the others follow this one
@@ -277,17 +280,18 @@ CommitPlan::RowFate CommitPlan::fate_of(const RowWrite& write, bool has_samples,
 
 void CommitPlan::reject_stamp(const RowWrite& write, RowFate fate, Stamp newest,
                               Stamp oldest) const {
+  const NamedRequest named(tree_, request_);
   const Row& row = request_.rows[write.row];
   const std::string stamp = "the stamp " + std::to_string(write.stamp) + " ns is older than ";
   if (fate == RowFate::too_old)
-    reject(request_, row, "stamp_ns",
+    reject(*named, row, "stamp_ns",
            stamp + "the newest sample's, " + std::to_string(newest) +
                " ns, by more than the cache time of " + std::to_string(limits_.cache_ns) + " ns" +
                (tree_.options.clear_on_time_jump
                     ? "; if time was set back, a second, newer transform begins the frame's "
                       "history again (time_jump)"
                     : ""));
-  reject(request_, row, "stamp_ns",
+  reject(*named, row, "stamp_ns",
          stamp + "all samples of the frame, which is full: it has " +
              with_separators(limits_.max_samples) + " (max_samples_per_frame), from " +
              std::to_string(oldest) + " ns on");

@@ -8,14 +8,15 @@
 #include <string_view>
 
 #include "records/frame.hpp"
+#include "tree_state.hpp"
 
 namespace ztf {
 
 // The expiry of a write that may be applied at any time.
 inline constexpr std::int64_t kNeverExpires = std::numeric_limits<std::int64_t>::max();
 
-// One transform to be written. parent and child are indices into CommitRequest::names, and less
-// than its size.
+// One transform to be written. parent and child are indices into CommitRequest::names, or its
+// frames, and less than its size.
 struct Row {
   std::uint32_t parent, child;
   Stamp stamp;
@@ -25,6 +26,10 @@ struct Row {
 struct CommitRequest {
   std::span<const std::string_view> names;
   std::span<const Row> rows;
+  // In the place of `names`, which is then empty: names that were found before. The commit is
+  // rejected with Code::stale_frame if one of them was removed since, and never gives a frame
+  // another parent.
+  std::span<const NameRef> frames = {};
   std::string_view authority = {};
   bool is_static = false;
   // Drops rows that are too old, older than all samples of a full frame, or, despite the name,

@@ -52,6 +52,11 @@ inline std::string index_of(const CommitRequest& request, const Row& row) {
   return " (index " + std::to_string(&row - request.rows.data()) + ")";
 }
 
+[[noreturn]] inline void reject_stale() {
+  throw Rejected{.code = Code::stale_frame,
+                 .message = "the frame is of another tree, or was removed: resolve its name again"};
+}
+
 // Why a row of a request is not stored.
 inline Rejected rejection(const CommitRequest& request, const Row& row, const char* field,
                           const std::string& why) {
@@ -212,6 +217,7 @@ inline bool is_valid_name(std::string_view name, const Options& options) noexcep
 // Returns RowResult::stored if the row has two good names, else why it is refused.
 inline std::uint8_t check_names(const CommitRequest& request, const Row& row,
                                 const Options& options) noexcept {
+  if (request.names.empty()) return RowResult::own_parent;  // else frames have good names
   const std::string_view parent = stripped(request.names[row.parent]);
   const std::string_view child = stripped(request.names[row.child]);
   if (parent.empty() || child.empty()) return RowResult::empty_name;
