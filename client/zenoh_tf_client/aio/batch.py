@@ -33,6 +33,11 @@ class AsyncBatch(BatchOperations):
     `timeout_s` wait side by side, and the reply comes when the last of them is done. In a
     batch that also writes, such lookups fail with InvalidArgumentException.
 
+    The operations are methods with the names and arguments of the client's, and return a `Handle`
+    of what those return: all lookups and estimates except `deskew`; `set_transform` and
+    `set_transforms_xact`; `frames`, `frame`, `authorities`, `parent`, `chain` and `stats`. Invalid
+    arguments raise at once.
+
     Concurrency: one thread or task at a time.
     """
 

@@ -228,6 +228,12 @@ def lookup_transforms(
     return Rows(lookup, convert)
 
 
+def sample(
+    target: str, source: str, stamps_ns: ArrayLike, *, max_gap_s: float | None = None
+) -> Rows[TransformArray]:
+    return lookup_transforms(target, source, stamps_ns, max_gap_s=max_gap_s)
+
+
 def read_versions(
     tree: SharedTree | TransformTree, instance: str, request: Lookup[T]
 ) -> VersionedRead[T] | AskServer:

@@ -3,8 +3,8 @@
 `lookups`, `writes` and `info` have a function for each method of the client, which makes that
 method's `Request`.
 
-Client, batch and transaction declare the methods once more, each with its own result type and
-docstring, because editors and the API reference read both from the source.
+Client and transaction declare the methods once more, each with its own result type and docstring,
+because editors and the API reference read both from the source; `batch_operations` lists them.
 """
 
 from __future__ import annotations
