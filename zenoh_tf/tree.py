@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from zenoh_tf.gates.gate import Gate
+    from zenoh_tf.gates.gate import Gate, GateLookups
     from zenoh_tf.gates.queue import Dropped
     from zenoh_tf.introspection.explanation import Explanation
     from zenoh_tf.introspection.frame_info import AuthorityInfo, FrameInfo
@@ -296,7 +296,7 @@ class TransformTree(TreeEstimates):
         return moved
 
     def gate(
-        self,
+        self: GateLookups,
         target: str,
         *,
         queue_size: int = 100,

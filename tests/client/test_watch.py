@@ -46,7 +46,7 @@ def put(tf: TransformClient, x: float = 0.0, yaw: float = 0.0) -> None:
 
 def assert_event(watch: Watch, tf: TransformClient, reason: str | None) -> None:
     """What the watch says of all that was written until now; None: nothing."""
-    watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
+    watch._mirror.wait_for(tf.last_receipt, DEADLINE_S)
     if reason is None:
         with pytest.raises(TimeoutException):
             watch.get(timeout_s=0)
@@ -252,7 +252,7 @@ async def test_asyncio(
         cancelled.cancel()
         for x in range(6, 50):  # the loop is busy meanwhile
             put(tf, x)
-        watch._mirror._wait_until(tf.last_receipt, DEADLINE_S)
+        watch._mirror.wait_for(tf.last_receipt, DEADLINE_S)
         newest = await next_event()
         assert newest.pose == tf.lookup_latest_transform("map", "base")
         tf.remove_frame("base")

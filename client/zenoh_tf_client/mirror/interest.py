@@ -17,11 +17,17 @@ from zenoh_tf.errors import (
 )
 from zenoh_tf.text import quoted
 
-from .reads import LATEST, PLAIN, WAITING
+from .reads import OF_TREE
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
+#: The lookups that a mirror may ask the server for instead.
+_LATEST: Final = (
+    "lookup_latest_transform",
+    "lookup_latest_transform_xact",
+    "lookup_latest_transforms_xact",
+)
 #: Errors that may be due to frames that the mirror has not.
 _EXPLAINED: Final = (LookupException, ConnectivityException)
 
@@ -55,7 +61,7 @@ def interested(tree: TransformTree, interest: wire.Interest) -> TransformTree:
 
 class _InterestedTree:
     def __init__(self, tree: TransformTree, interest: wire.Interest) -> None:
-        for name in (*PLAIN, *WAITING, *LATEST):
+        for name in (*OF_TREE, *_LATEST):
             setattr(self, name, explained(getattr(tree, name), tree, interest))
 
         def explain(target: str, source: str, stamp_ns: int | None = None) -> Explanation:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, TypeVar
 
-from zenoh_tf import LatestTransform, StampedTransform, wire
+from zenoh_tf import Explanation, LatestTransform, TransformTree, unix, wire
 from zenoh_tf._zenoh.calls import raise_if_forked
+from zenoh_tf.errors import ServerRestarted, ServerUnavailable, TimeoutException, must_be
+from zenoh_tf.mirrors.feed import MirrorFeed
+from zenoh_tf.text import quoted
+from zenoh_tf.text.times import age
 
 from ..requests import lookups
 from ..requests.receipt import Receipt
@@ -14,25 +20,35 @@ from ..requests.request import Request
 from ..session.connection import Connection
 from ..session.mapped_tree import MappedTree
 from ..transaction import Transaction, repeat
-from .base_mirror import BaseMirror
+from .interest import interested
+from .reads import OF_TREE, MirrorReads
+from .source import MirrorSource
 from .transaction import MirrorTransaction
+from .transaction_reads import OwnWrites
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-    from zenoh_tf import Dropped
-    from zenoh_tf.gates.gate import Gate
-
 T = TypeVar("T")
 
+#: A mirror that has not heard of its server for longer is disconnected; with a rate, its period is
+#: added.
+_SILENT_S: Final = 2.0
 
-class Mirror(BaseMirror):
+_all: Final[weakref.WeakSet[Mirror]] = weakref.WeakSet()
+
+
+class Mirror(MirrorReads):
     """A copy of the server's tree in this process; made by `TransformClient.mirror`.
 
     Its lookups are as fast as those of an embedded tree, and send no message. What they read is
     always a state that the server's tree has had: the commits up to `seq`, each as a whole, and
     none after it. `age_s` says how old that state may be. Several lookups may see several such
     states, but never go back while the same server runs. Writes go to the server, as always.
+
+    It has the lookups of `TransformTree`, with the same arguments, results and errors, and
+    ServerUnavailable once it is closed; `frames` are in any order, and a `frame` lacks its last
+    change.
 
     While the server is away, or the link is cut, the last state is served and its age grows.
     The contract: docs/how-to/mirrors.md. A context manager, which closes itself at the end.
@@ -51,9 +67,39 @@ class Mirror(BaseMirror):
         interest: wire.Interest | None,
     ) -> None:
         """Use `TransformClient.mirror` instead."""
-        super().__init__(connection, timeout_s, interest)
+        if not 0 < timeout_s < 1e6:
+            raise must_be("timeout_s", "positive", timeout_s)
         self._connection = connection
         self._mapped = mapped
+        self._interest = interest
+        self._silent_s = _SILENT_S + (interest.period_ns / 1e9 if interest else 0.0)
+        weak_self = weakref.ref(self)  # else the feed's thread would keep the mirror alive
+
+        def on_copy(tree: TransformTree | None, instance: str) -> None:
+            mirror = weak_self()
+            if mirror is not None:
+                mirror._install(tree)
+
+        source = MirrorSource(connection, interest)
+        self._feed = feed = MirrorFeed(source, on_copy, interest)
+        source.feed = feed
+        connection.add_user(feed)
+        self._own_writes = OwnWrites(feed)
+        # One that nobody holds any more is closed. At exit, its connection is.
+        weakref.finalize(self, feed.close).atexit = False
+        _all.add(self)
+        try:
+            feed.wait_for_copy(timeout_s)
+        except BaseException:
+            feed.close()
+            raise
+
+    def __repr__(self) -> str:
+        state = self._feed.state
+        return (
+            f"<Mirror of tree {self._connection.tree!r}, server {state.instance or 'unknown'}, "
+            f"seq {state.seq}, {'closed' if state.tree is None else 'open'}>"
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -63,7 +109,39 @@ class Mirror(BaseMirror):
 
     def close(self) -> None:
         """Stop following the server. Lookups then raise ServerUnavailable. May be called again."""
-        self._end()
+        self._feed.close()
+        self._install(None)
+
+    @property
+    def age_s(self) -> float:
+        """Returns how old what is read may be, in seconds.
+
+        An upper bound: all that the server had committed this long ago can be read. At most about
+        one round trip too high. An idle server sends a heartbeat every 0.1 s. Infinite if the
+        mirror is closed.
+        """
+        return self._feed.age_s()
+
+    @property
+    def seq(self) -> int:
+        """Returns the number of a commit: it and all before it can be read.
+
+        Numbers of different server instances cannot be compared.
+        """
+        return self._feed.state.seq
+
+    @property
+    def synced(self) -> bool:
+        """Returns True if the mirror knows of nothing that it lacks.
+
+        A lost connection is noticed after some seconds: `age_s` shows it sooner.
+        """
+        return self._feed.state.synced and self._feed.silent_at != self._feed.heard
+
+    @property
+    def instance(self) -> str:
+        """Returns the id of the server instance whose state is read."""
+        return self._feed.state.instance
 
     def wait_for(self, receipt: Receipt | None = None, timeout_s: float = 5.0) -> None:
         """Wait until what a client has written can be read here.
@@ -83,43 +161,24 @@ class Mirror(BaseMirror):
         """
         raise_if_forked()
         awaited = receipt or self._connection.last_receipt
-        if awaited is not None and not self._has(awaited):
-            self._wait_until(awaited, timeout_s)
-
-    # --- lookups that may wait
-
-    def lookup_transform(
-        self,
-        target: str,
-        source: str,
-        stamp_ns: int | None = None,
-        timeout_s: float = 0.0,
-        *,
-        max_gap_s: float | None = None,
-    ) -> StampedTransform:
-        """As `TransformTree.lookup_transform`."""
-        return self._tree.lookup_transform(target, source, stamp_ns, timeout_s, max_gap_s=max_gap_s)
-
-    def lookup_transform_full(
-        self,
-        target: str,
-        target_stamp_ns: int | None,
-        source: str,
-        source_stamp_ns: int | None,
-        fixed_frame: str,
-        timeout_s: float = 0.0,
-        *,
-        max_gap_s: float | None = None,
-    ) -> StampedTransform:
-        """As `TransformTree.lookup_transform_full`."""
-        frames = (target, target_stamp_ns, source, source_stamp_ns, fixed_frame)
-        return self._tree.lookup_transform_full(*frames, timeout_s, max_gap_s=max_gap_s)
-
-    def can_transform(
-        self, target: str, source: str, stamp_ns: int | None = None, timeout_s: float = 0.0
-    ) -> bool:
-        """As `TransformTree.can_transform`."""
-        return self._tree.can_transform(target, source, stamp_ns, timeout_s)
+        feed = self._feed
+        if awaited is None or feed.state.has(awaited.instance, awaited.seq):
+            return
+        if feed.wait(lambda: feed.state.has(awaited.instance, awaited.seq), timeout_s):
+            return
+        state = feed.state
+        if state.tree is None:
+            raise ServerUnavailable("the mirror is closed")
+        if state.instance != awaited.instance:
+            raise ServerRestarted(
+                f"the write was to server instance {quoted(awaited.instance)}, but the mirror "
+                f"follows {quoted(state.instance)}",
+                value=awaited.instance,
+            )
+        raise TimeoutException(
+            f"the mirror has not received commit {awaited.seq} within {timeout_s:g} s: it is at "
+            f"{state.seq}"
+        )
 
     # --- lookups that may ask the server
 
@@ -163,23 +222,23 @@ class Mirror(BaseMirror):
             return self._tree.lookup_latest_transforms_xact(pairs)
         return self._ask(lookups.lookup_latest_transforms_xact(pairs))
 
-    def gate(
-        self,
-        target: str,
-        *,
-        queue_size: int = 100,
-        timeout_s: float = 1.0,
-        on_drop: Callable[[Dropped[Any]], object] | None = None,
-        max_gap_s: float | None = None,
-    ) -> Gate:
-        """As `TransformTree.gate`: make a gate, which looks up in the mirror.
+    def explain(self, target: str, source: str, stamp_ns: int | None = None) -> Explanation:
+        """As `TransformTree.explain`, also if the mirror does not hear its server."""
+        found, age_s = self._tree.explain(target, source, stamp_ns), self.age_s
+        if age_s < self._silent_s:
+            return found
+        return replace(
+            found,
+            reasons=(
+                *found.reasons,
+                f"The mirror is disconnected from its server for {age(round(age_s * 1e9))}, and "
+                "its last poses are read.",
+            ),
+            advice=(*found.advice, "Check that the server runs, and the network to it."),
+        )
 
-        Example:
-            ``with m.gate("map") as gate: gate.put(image, "camera", stamp_ns)``
-        """
-        from zenoh_tf.gates.gate import Gate  # noqa: PLC0415 - most programs need none
-
-        return Gate(self, target, queue_size, timeout_s, on_drop, max_gap_s)
+    gate = TransformTree.gate
+    """As `TransformTree.gate`, which looks up in the mirror."""
 
     def run_transaction(self, function: Callable[[Transaction], T], attempts: int = 10) -> T:
         """As `TransformClient.run_transaction`, with reads in the mirror: one round trip.
@@ -195,10 +254,34 @@ class Mirror(BaseMirror):
         raise_if_forked()
 
         def begin(attempt: int) -> Transaction:
-            return MirrorTransaction(self._connection, self._mapped, self, attempt)
+            own = (self._feed, self._own_writes, self._interest)
+            return MirrorTransaction(self._connection, self._mapped, *own, attempt)
 
         return repeat(begin, function, attempts)
 
     def _ask(self, request: Request[T]) -> T:
         raise_if_forked()
         return self._connection.call(request)
+
+    def _now_ns(self) -> int:
+        return self._feed.clock.real_ns()
+
+    def _install(self, tree: TransformTree | None) -> None:
+        """Read in another tree, or in none; see `reads`."""
+        if tree is not None and self._interest is not None:
+            tree = interested(tree, self._interest)
+        self._current = tree
+        for name in OF_TREE:
+            if tree is None:
+                self.__dict__.pop(name, None)
+            else:
+                self.__dict__[name] = getattr(tree, name)
+
+
+def _after_fork() -> None:
+    """In a forked child a lookup would wait for ever for a thread that only the parent has."""
+    for mirror in list(_all):
+        mirror._install(None)
+
+
+unix.after_fork(_after_fork)

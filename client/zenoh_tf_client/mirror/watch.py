@@ -11,7 +11,7 @@ from zenoh_tf.errors import ServerUnavailable, TimeoutException
 from zenoh_tf.loop_waits import LoopWaits
 from zenoh_tf.text import quoted
 
-from .base_mirror import BaseMirror
+from .mirror import Mirror
 from .watching import PoseEvent, Terms, Watching
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Watch:
         source: The frame whose pose is followed.
     """
 
-    def __init__(self, mirror: BaseMirror, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: Mirror, target: str, source: str, terms: Terms) -> None:
         """Use `TransformClient.watch` instead."""
         self.target = target
         self.source = source
@@ -91,7 +91,7 @@ class Watch:
 
     def close(self) -> None:
         """Stop following. Iterations end, and `get` raises an error. May be called again."""
-        self._mirror._end()
+        self._mirror.close()
 
     def _next(self, timeout_s: float | None) -> PoseEvent | None:
         """The next event; None if there is none in time, or at the end."""

@@ -13,7 +13,7 @@ from typing import Final, Literal
 from zenoh_tf import LatestTransform, Transform
 from zenoh_tf.errors import ConnectivityException, LookupException, ServerUnavailable, must_be
 
-from .base_mirror import BaseMirror
+from .mirror import Mirror
 
 #: Bounds of `heartbeat_s`.
 _SHORTEST_S: Final = 0.01
@@ -82,7 +82,7 @@ def _angle(p: tuple[float, ...], q: tuple[float, ...]) -> float:
 class Watching:
     """Compares what a mirror has now with what was reported last."""
 
-    def __init__(self, mirror: BaseMirror, target: str, source: str, terms: Terms) -> None:
+    def __init__(self, mirror: Mirror, target: str, source: str, terms: Terms) -> None:
         self._mirror = mirror
         self._pair = (target, source)
         self._terms = terms
