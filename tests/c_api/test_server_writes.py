@@ -175,6 +175,7 @@ def test_without_replies_the_outcome_is_said(
         writer.query = lambda *_: b""
         code, words = set_x(writer, 1, 1)
         assert code == "ZTF_SERVER_UNAVAILABLE" and "tf/v1/main" in " ".join(words)
+        writer.do("write_through", 2000)  # enough for a reply to hello
         writer.query = lambda key, *rest: send(key, *rest) if key.endswith("/hello") else b""
         assert set_x(writer, 1, 1)[0] == "ZTF_OUTCOME_UNKNOWN"
         writer.query = send
