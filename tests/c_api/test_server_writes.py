@@ -171,11 +171,11 @@ def test_without_replies_the_outcome_is_said(
 ) -> None:
     server = start_sharing()
     with writer_of(server, socket_folder, 200) as writer:
-        send = writer.query
         writer.query = lambda *_: b""
         code, words = set_x(writer, 1, 1)
         assert code == "ZTF_SERVER_UNAVAILABLE" and "tf/v1/main" in " ".join(words)
-        writer.do("write_through", 2000)  # enough for a reply to hello
+    with writer_of(server, socket_folder, 2000) as writer:  # enough for a reply to hello
+        send = writer.query
         writer.query = lambda key, *rest: send(key, *rest) if key.endswith("/hello") else b""
         assert set_x(writer, 1, 1)[0] == "ZTF_OUTCOME_UNKNOWN"
         writer.query = send
