@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from zenoh_tf import tf2
+from zenoh_tf import LimitExceeded, tf2
 
 from .messages import LATEST, at, lasting, link
 
@@ -105,13 +105,22 @@ def test_errors_name_the_shims_time_out(buffer: tf2.Buffer) -> None:
         (buffer.lookup_transform_full, ("map", at(3.5), "base", at(3.5), "map")),
     )
     for look_up, question in lookups:
-        with pytest.raises(tf2.ExtrapolationException, match="; pass timeout to wait for the next"):
+        with pytest.raises(tf2.ExtrapolationException, match="give the lookup a time-out to wait"):
             look_up(*question)
         with pytest.raises(tf2.InvalidArgumentException, match=r"^timeout must be ") as refusal:
             look_up(*question, float("nan"))
         assert refusal.value.field == "timeout"
-    with pytest.raises(tf2.LookupException, match="frame 'timeout_s' does not exist"):
-        buffer.lookup_transform("map", "timeout_s", LATEST)
+    with pytest.raises(tf2.LookupException, match="frame 'a timeout_s' does not exist"):
+        buffer.lookup_transform("map", "a timeout_s", LATEST)
+
+
+@pytest.mark.usefixtures("shim")
+@pytest.mark.parametrize("timeout_s", [601, 3601])
+def test_a_time_out_that_the_server_refuses(timeout_s: int) -> None:
+    refused = (LimitExceeded, tf2.InvalidArgumentException)
+    with pytest.raises(refused, match=f"^(?!.*timeout_s).*{timeout_s}") as refusal:
+        tf2.Buffer().lookup_transform("map", "base", LATEST, timeout_s)
+    assert refusal.value.field == "timeout"
 
 
 def test_travel_in_time(buffer: tf2.Buffer) -> None:

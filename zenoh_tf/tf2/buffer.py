@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -402,8 +401,7 @@ def _within_ns(nearest_s: float | None) -> int:
 
 
 def _name_timeout(error: TransformException) -> None:
-    """Give a tree's error the name of the shim's argument, but not of a frame, which has quotes."""
-    error.args = (re.sub(r"(?<!')\btimeout_s\b", "timeout", str(error)),)
+    """Give a tree's error the name of the shim's argument."""
     if error.field == "timeout_s":
         error.field = "timeout"
 

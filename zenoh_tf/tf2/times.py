@@ -6,6 +6,7 @@ numbers as well, in seconds.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -123,8 +124,14 @@ def stamp_ns(time: Any, field: str = "time") -> int | None:
 
 
 def seconds(duration: Any, field: str = "timeout") -> float:
-    """Return a duration or a number of seconds in seconds; 0 for a negative one. Else WrongType."""
-    return max(float(duration) if _is_number(duration) else nanoseconds(duration, field) / 1e9, 0.0)
+    """Return a duration or a number of seconds in seconds; 0 for a negative one.
+
+    Raises WrongType if it is neither, InvalidArgumentException if it is not a number.
+    """
+    value = float(duration) if _is_number(duration) else nanoseconds(duration, field) / 1e9
+    if math.isnan(value):
+        raise must_be(field, "a number of seconds", duration)
+    return max(value, 0.0)
 
 
 def _is_number(value: Any) -> bool:

@@ -78,6 +78,6 @@ def timeout_ns(timeout_s: float) -> int:
     """Return a time-out in nanoseconds; InvalidArgumentException if it is out of range."""
     if not 0 <= timeout_s <= MAX_WAIT_S:
         raise InvalidArgumentException(
-            f"timeout_s must be from 0 to {MAX_WAIT_S:g}, not {timeout_s!r}", field="timeout_s"
+            f"a time-out is from 0 to {MAX_WAIT_S:g} s, not {timeout_s!r}", field="timeout_s"
         )
     return int(timeout_s * 1e9)

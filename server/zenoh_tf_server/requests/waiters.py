@@ -215,7 +215,7 @@ class Waiters:
         if lookup.timeout_ns > longest_s * 1_000_000_000:
             timeout_s = lookup.timeout_ns * 1e-9
             raise LimitExceeded(
-                f"timeout_s is {timeout_s:g} s: the server lets a lookup wait for {longest_s} s "
+                f"the time-out is {timeout_s:g} s: the server lets a lookup wait for {longest_s} s "
                 "at most",
                 field="timeout_s",
                 limit=longest_s,

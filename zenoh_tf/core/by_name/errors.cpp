@@ -119,7 +119,7 @@ void set_unknown(Rejected& error, Startup startup, std::string_view name, const 
   error.code = Code::starting;
   error.retry_after_s = kRetryAfterS;
   error.message = was_started(startup) + " and has no " + frame + " yet" + waited +
-                  ": its publisher may be coming back; try again, or wait with timeout_s";
+                  ": its publisher may be coming back; try again, or wait with a time-out";
 }
 
 // Sets the facts and the message of a link that has no data for the time asked for.

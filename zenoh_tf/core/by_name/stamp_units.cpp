@@ -100,7 +100,7 @@ std::string beside(Stamp stamp, Stamp oldest, Stamp newest, const std::string& w
   end += (waited.empty() ? "" : ", " + waited) + ")";
   std::string hint = unit_hint(stamp, oldest, newest);
   if (hint.empty() && may_wait && waited.empty() && is_late && off <= kPresent)
-    hint = "pass timeout_s to wait for the next sample";
+    hint = "give the lookup a time-out to wait for the next sample";
   return hint.empty() ? end : end + "; " + hint;
 }
 
