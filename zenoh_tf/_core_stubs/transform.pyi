@@ -31,7 +31,8 @@ class Transform:
 
     Args:
         translation: (3,) x, y, z in metres.
-        rotation: (4,) unit quaternion (x, y, z, w).
+        rotation: (4,) unit quaternion (x, y, z, w), not (w, x, y, z): (1, 0, 0, 0) is a half turn
+            about x.
 
     Raises:
         InvalidArgumentException: An argument does not have that many numbers.
