@@ -106,6 +106,7 @@ class Tree(_Reads[Never]):
     # A server with this tree started `elapsed_ns` ago, and for `left_ns` more its publishers may
     # not be back: an unknown frame is ServerStarting.
     def _begin_startup(self, elapsed_ns: int, left_ns: int) -> None: ...
+    _is_recorded: bool  # it has no present and no publishers
     def set_transform(
         self, stamped: StampedTransform, authority: str = "", static: bool = False
     ) -> bool:

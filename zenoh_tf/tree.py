@@ -69,8 +69,6 @@ class TransformTree(TreeEstimates):
         InvalidArgumentException: An option is out of its range.
     """
 
-    _is_recorded = False  # it has no present and no publishers
-
     @classmethod
     def from_recording(
         cls,

@@ -12,7 +12,7 @@ import pytest
 from mcap.writer import Writer as McapWriter
 
 from tests.support.recorded import RUN, needs_recording, questions
-from zenoh_tf import LimitExceeded, TransformException, TransformTree
+from zenoh_tf import ForwardExtrapolationException, LimitExceeded, TransformException, TransformTree
 from zenoh_tf.recordings import RecordingError, open_recording
 
 from .files import KINDS, LOG, TF, Log, malformed_cdr, write
@@ -64,6 +64,13 @@ def test_statics_of_namespaces_and_of_several_publishers(tmp_path: Path) -> None
     assert set(chosen.frames()) == {"odom", "base", "lidar"}
     with pytest.raises(RecordingError, match="these have: '/robot1/tf_static', '/tf', '/tf_stat"):
         TransformTree.from_recording(path, topics=["/robot2/tf"])
+
+
+def test_no_error_advises_to_wait(tmp_path: Path) -> None:
+    """Nothing will come."""
+    tree = TransformTree.from_recording(write(tmp_path / "log"))
+    with pytest.raises(ForwardExtrapolationException, match=r"\(50 ms too late\)$"):
+        tree.lookup_transform("odom", "base", 8 * S + S // 20)
 
 
 def test_a_link_that_turns_around(tmp_path: Path) -> None:

@@ -212,6 +212,7 @@ void bind_tree(nb::module_& m) {
             t.begin_startup({elapsed_ns, left_ns});
           },
           nb::arg("elapsed_ns"), nb::arg("left_ns"))
+      .def_prop_rw("_is_recorded", &Tree::is_recorded, &Tree::set_recorded)
       .def("__repr__", &repr_of_tree);
   bind_writes(tree);
   bind_commit(tree);

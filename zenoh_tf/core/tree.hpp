@@ -183,6 +183,9 @@ class Tree : private TreeState {
   // Options::shared.
   [[nodiscard]] int descriptor() const noexcept { return region.descriptor(); }
   using TreeState::begin_lease;
+  // Of a recording: nobody will send what is missing. To be set before other threads have the tree.
+  void set_recorded(bool recorded) noexcept { is_recorded_ = recorded; }
+  [[nodiscard]] bool is_recorded() const noexcept { return is_recorded_; }
   using TreeState::begin_startup;
   using TreeState::startup;
 
@@ -192,6 +195,7 @@ class Tree : private TreeState {
   // Beside the state: nothing but estimates knows of them.
   mutable EstimateCache estimate_cache_;
   MotionLimitTable motion_limits_;
+  bool is_recorded_ = false;
 };
 
 }  // namespace ztf

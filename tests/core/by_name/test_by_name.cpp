@@ -41,9 +41,12 @@ TEST(an_error_names_what_is_missing) {
   CHECK_EQ(text_of(w, {{.op = Op::at, .stamp = 3'000}, "map", "bse"}),
            "frame 'bse' does not exist; did you mean 'base'?");
   const NamedQuery late{{.op = Op::at, .stamp = 9'000}, "map", "base"};
-  const std::string text = text_of(w, late, {.may_wait = true});
+  std::string text = text_of(w, late, {.may_wait = true});
   CHECK(text.starts_with("extrapolation into the future: the link from 'map' to 'base'"));
   CHECK(text.ends_with("(4 us too late); give the lookup a time-out to wait for the next sample"));
+  w.tree.set_recorded(true);
+  text = text_of(w, late, {.may_wait = true});
+  CHECK(text.ends_with("(4 us too late)"));
   CHECK(
       text_of(w, late, {.waited = waited_for(1.5)}).ends_with("(4 us too late, waited for 1.5 s)"));
 }

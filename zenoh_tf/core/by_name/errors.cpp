@@ -142,11 +142,11 @@ void set_extrapolation(const AnyTree& tree, const Failure& f, const LookupNote& 
   std::string carried;
   if (f.code == Code::forward && note.max_by >= 0)
     carried = " and carried on by at most " + seconds(note.max_by) + " (max_by_s)";
+  const bool may_wait = note.may_wait && !tree.is_recorded();
   error.message =
       extrapolation_message(f, link) + ", but " + ns(f.stamp) + " was requested to look up " +
       quoted(error.source) + " in " + quoted(error.target) + carried +
-      (f.code == Code::gap ? waited
-                           : beside(f.stamp, f.oldest, f.newest, note.waited, note.may_wait));
+      (f.code == Code::gap ? waited : beside(f.stamp, f.oldest, f.newest, note.waited, may_wait));
   if (f.code != Code::gap) return;
   error.gap = f.newest - f.oldest;
   error.max_gap = f.max_gap;

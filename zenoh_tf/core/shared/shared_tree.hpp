@@ -135,6 +135,7 @@ class SharedTree {
     throw Unanswered{Unanswered::Reason::busy};
   }
 
+  [[nodiscard]] static constexpr bool is_recorded() noexcept { return false; }
   // Of the server that has the tree.
   [[nodiscard]] Startup startup() const noexcept { return startup_of(region_.header()); }
 
