@@ -12,23 +12,16 @@ Thread safety: all methods.
 from __future__ import annotations
 
 import functools
-import logging
-import threading
 import time
-from collections.abc import Callable
 from operator import attrgetter
 from typing import Final
 
-import zenoh
-
-from zenoh_tf import TransformTree, threads, wire
+from zenoh_tf import TransformTree
 from zenoh_tf._core import ChangeLog, InterestReader
-from zenoh_tf._net import keys
 
 from ..limits import Limits
-from .publisher import HEARTBEAT_S, StreamPublisher
-
-log = logging.getLogger("zenoh_tf.server")
+from .commit_stream import CommitStream
+from .publisher import HEARTBEAT_S
 
 #: The least time between two messages.
 _INTERVAL_S: Final = 0.001
@@ -37,87 +30,36 @@ _INTERVAL_S: Final = 0.001
 _MESSAGE_BYTES: Final = 1 << 18
 
 
-class Stream:
-    """Publishes a tree's changes."""
+class Stream(CommitStream):
+    """Publishes the changes of a server's own tree."""
 
     def __init__(self, tree: TransformTree, instance: str, limits: Limits) -> None:
-        self._instance = instance
+        super().__init__(instance, limits, _real_ahead_ns)
         self._log = ChangeLog(tree)
-        #: The number of the tree's last commit, which may be in progress. In C, as each reply to a
-        #: write has it.
-        self.last_seq: Callable[[], int] = functools.partial(attrgetter("last"), self._log)
-        self._publisher = StreamPublisher(instance, limits.stream_bytes, self.real_ahead_ns)
-        self._changed = threading.Event()  # the listeners, or `_closing`
-        self._active = threading.Event()  # the log is read
-        self._closing = False
+        # The number may be of a commit in progress. In C, as each reply to a write has it.
+        self.last_seq = functools.partial(attrgetter("last"), self._log)
         self._clock_ns = 0  # of the last message
         self._gaps = 0
-        self._thread: threading.Thread | None = None
-
-    def start(self, session: zenoh.Session, tree: str) -> None:
-        """Publish to whoever listens to the stream of a tree."""
-        self._publisher.start(session, keys.stream(tree, self._instance), self._wake)
-        self._thread = threads.start("stream", self._run)
-
-    def close(self) -> None:
-        """Publish no more."""
-        self._closing = True
-        self._wake()
-        threads.join(self._thread)
-
-    def wait_until_active(self, timeout_s: float) -> None:
-        """Wait until the changes are published, if someone listens."""
-        if not self._active.is_set() and self._publisher.has_listeners():
-            self._active.wait(timeout_s)
 
     def position(self) -> tuple[int, int]:
-        """As `CommitStream.position`."""
         clock_ns = time.monotonic_ns()  # in this order
         return self._log.last, clock_ns
 
     def read(
         self, reader: InterestReader, with_all: bool, max_frames: int
     ) -> tuple[tuple[int, bool, bytes | None, bytes | None], int]:
-        """As `CommitStream.read`."""
         clock_ns = time.monotonic_ns()  # in this order
         return reader.read(with_all, max_frames), clock_ns
 
-    def missed(self, first: int) -> wire.Message:
-        """The fields of the reply to `missed`: the messages from the number `first` on."""
-        return self._publisher.missed(first, self._publisher.last)
-
-    def real_ahead_ns(self) -> int:
-        """As `CommitStream.real_ahead_ns`."""
-        return time.time_ns() - time.monotonic_ns()
-
     def counters(self) -> dict[str, int]:
-        """Counters for `stats`."""
-        return {
-            "stream_messages": self._publisher.messages,
-            "stream_message_bytes": self._publisher.bytes,
-            "stream_gaps": self._gaps,
-            "stream_kept_bytes": self._publisher.recent.bytes,
-            "change_log_bytes": self._log.nbytes,
-        }
+        own = {"stream_gaps": self._gaps, "change_log_bytes": self._log.nbytes}
+        return super().counters() | own
 
     def _wake(self) -> None:
-        self._changed.set()
+        super()._wake()
         self._log.wake()
 
-    def _run(self) -> None:
-        while not self._closing:
-            self._changed.clear()
-            try:
-                if self._publisher.has_listeners():
-                    self._publish()
-                elif not self._closing:
-                    self._changed.wait()
-            except Exception:  # the stream must continue, with a gap
-                log.exception("internal error in the commit stream")
-                time.sleep(HEARTBEAT_S)
-
     def _publish(self) -> None:
-        """Publish until nobody listens any more."""
         self._begin()
         try:
             while not self._closing:
@@ -155,3 +97,7 @@ class Stream:
         if lost:
             self._gaps += 1
             self._begin()
+
+
+def _real_ahead_ns() -> int:
+    return time.time_ns() - time.monotonic_ns()
