@@ -6,12 +6,11 @@ import argparse
 
 from zenoh_tf import Explanation, TransformException
 from zenoh_tf.text import printable
-from zenoh_tf.text.time_flags import live_time, recorded_time
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
 from zenoh_tf_tools.cli.arguments import Commands, add_frames
-from zenoh_tf_tools.cli.connection import connect
 from zenoh_tf_tools.cli.tree import estimate
+from zenoh_tf_tools.cli.tree.lookups import tree_at
 from zenoh_tf_tools.errors import FAULT_FOUND
 from zenoh_tf_tools.estimate_words import bounds
 
@@ -38,24 +37,13 @@ def add(commands: Commands) -> None:
 
 
 def _explain(args: argparse.Namespace) -> int:
-    found, now = _found(args)
+    with tree_at(args) as (tree, stamp_ns):
+        found = tree.explain(args.target, args.source, stamp_ns)
+        now = _now(tree, found) if isinstance(tree, TransformClient) else None
     document = found.document() | ({} if now is None else {"now": now[0]})
     text = found.text(output.paint)
     output.show(args, document, text if now is None else f"{text}\n\n{now[1]}")
     return 0 if found.possible else FAULT_FOUND
-
-
-def _found(args: argparse.Namespace) -> tuple[Explanation, tuple[dict[str, object], str] | None]:
-    """The explanation, and on a server what `_now` says."""
-    if args.file is None:
-        stamp_ns = recorded.time_at(args, live_time)
-        with connect(args) as tf:
-            found = tf.explain(args.target, args.source, stamp_ns)
-            return found, _now(tf, found)
-    time = recorded.time_at(args, recorded_time)
-    tree, range_ns = recorded.loaded(args)
-    stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
-    return tree.explain(args.target, args.source, stamp_ns), None
 
 
 def _now(tf: TransformClient, found: Explanation) -> tuple[dict[str, object], str] | None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 
-from zenoh_tf import TransformTree, Velocity
+from zenoh_tf import TransformTree
 from zenoh_tf.text.time_flags import live_time, recorded_time
 from zenoh_tf_client import TransformClient
 from zenoh_tf_tools.cli import output, recorded
@@ -73,18 +75,26 @@ def add(commands: Commands) -> None:
     )
 
 
-def _lookup(args: argparse.Namespace) -> int:
-    if args.file is not None:
-        time = recorded.time_at(args, recorded_time)
+@contextlib.contextmanager
+def tree_at(
+    args: argparse.Namespace, *, inside: bool = False
+) -> Iterator[tuple[TransformTree | TransformClient, int | None]]:
+    """The tree in FILE, or the server's, and the stamp of --at in nanoseconds; None if it is not
+    given. `inside`: as of `recorded.stamp_ns`."""
+    if args.file is None:
+        at_ns = recorded.time_at(args, live_time)
+        with connect(args) as tf:
+            yield tf, at_ns
+    else:
+        at = recorded.time_at(args, recorded_time)
         tree, range_ns = recorded.loaded(args)
-        stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0)
+        yield tree, at and recorded.stamp_ns("--at", at, range_ns or (0, 0), 0, inside=inside)
+
+
+def _lookup(args: argparse.Namespace) -> int:
+    with tree_at(args) as (tree, stamp_ns):
         answer = tree.lookup_transform(args.target, args.source, stamp_ns, max_gap_s=args.max_gap_s)
         output.show_answer(args, tree, answer)
-        return 0
-    stamp_ns = recorded.time_at(args, live_time)
-    with connect(args) as tf:
-        answer = tf.lookup_transform(args.target, args.source, stamp_ns, max_gap_s=args.max_gap_s)
-        output.show_answer(args, tf, answer)
     return 0
 
 
@@ -97,27 +107,12 @@ def _latest(args: argparse.Namespace) -> int:
 
 
 def _velocity(args: argparse.Namespace) -> int:
-    if args.file is not None:
-        time = recorded.time_at(args, recorded_time)
-        tree, range_ns = recorded.loaded(args)
-        stamp_ns = time and recorded.stamp_ns("--at", time, range_ns or (0, 0), 0, inside=True)
-        _show_velocity(args, tree, stamp_ns)
-    else:
-        stamp_ns = recorded.time_at(args, live_time)
-        with connect(args) as tf:
-            _show_velocity(args, tf, stamp_ns)
+    frames = (args.tracking, args.observation)
+    with tree_at(args, inside=True) as (tree, stamp_ns):
+        velocity = tree.lookup_velocity(
+            *frames, stamp_ns, args.interval_s, reference_frame=args.reference
+        )
+        static = not args.json and output.is_static(tree, velocity.stamp_ns, *frames)
+    text = output.velocity_text(velocity, static=static)
+    output.show(args, output.velocity_document(velocity), text)
     return 0
-
-
-def _show_velocity(
-    args: argparse.Namespace, tree: TransformTree | TransformClient, stamp_ns: int | None
-) -> None:
-    velocity: Velocity = tree.lookup_velocity(
-        args.tracking, args.observation, stamp_ns, args.interval_s, reference_frame=args.reference
-    )
-    static = not args.json and output.is_static(
-        tree, velocity.stamp_ns, args.tracking, args.observation
-    )
-    output.show(
-        args, output.velocity_document(velocity), output.velocity_text(velocity, static=static)
-    )
