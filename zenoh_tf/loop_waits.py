@@ -1,32 +1,12 @@
-"""Lets event loops wait for what threads make: the asynchronous iterators of gates and watches; and
-for lookups, in rounds."""
+"""Lets event loops wait for what threads make: the asynchronous iterators of gates and watches."""
 
 from __future__ import annotations
 
 import contextlib
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
-from zenoh_tf.errors import MAY_SUCCEED_LATER
-
 T = TypeVar("T")
-
-
-async def in_rounds(
-    lookup: Callable[[float], Awaitable[T]], deadline_s: float, longest_s: float
-) -> T:
-    """Repeat a lookup, whose argument is its time-out, until it succeeds. No round is longer than
-    `longest_s`. Raises the lookup's error at the deadline, or once no write can make it succeed."""
-    while True:
-        begin_s = time.monotonic()
-        round_s = max(0.0, min(longest_s, deadline_s - begin_s))
-        try:
-            return await lookup(round_s)
-        except MAY_SUCCEED_LATER:
-            # A lookup ends early if no write can make it succeed.
-            if round_s < longest_s or time.monotonic() - begin_s < longest_s / 2:
-                raise
 
 
 class LoopWaits:

@@ -8,14 +8,14 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
+import time
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from typing import Any, Final, TypeVar
 
 from zenoh_tf import StampedTransform, threads
-from zenoh_tf.errors import ServerUnavailable, ServiceException
-from zenoh_tf.loop_waits import in_rounds
+from zenoh_tf.errors import MAY_SUCCEED_LATER, ServerUnavailable, ServiceException
 
 from .messages import TransformStamped, message_of
 
@@ -81,9 +81,15 @@ class WaitLoop:
 
         Raises the lookup's error at the deadline, or once no write can make it succeed.
         """
-        return message_of(
-            await in_rounds(lambda wait_s: lookup(self._client, wait_s), deadline_s, _ROUND_S)
-        )
+        while True:
+            begin_s = time.monotonic()
+            wait_s = max(0.0, min(_ROUND_S, deadline_s - begin_s))
+            try:
+                return message_of(await lookup(self._client, wait_s))
+            except MAY_SUCCEED_LATER:
+                # A lookup ends early if no write can make it succeed.
+                if wait_s < _ROUND_S or time.monotonic() - begin_s < _ROUND_S / 2:
+                    raise
 
     def _run(self, started: Future[asyncio.AbstractEventLoop]) -> None:
         main = self._main(started)
