@@ -34,7 +34,7 @@ from zenoh_tf_client.client import TransformClient
 from zenoh_tf_client.mirror.source import MirrorSource
 
 #: Most bytes of samples that wait for the disk. What comes then is dropped and counted.
-MAX_QUEUE_BYTES: Final = 256 << 20
+_MAX_QUEUE_BYTES: Final = 256 << 20
 #: What is written is handed to the system this often.
 _FLUSH_S: Final = 0.5
 #: Samples of a snapshot in one message.
@@ -70,16 +70,10 @@ class _Item(NamedTuple):
 class Recorder:
     """Records a client's tree from construction until `close`."""
 
-    def __init__(
-        self,
-        client: TransformClient,
-        writer: RecordingWriter,
-        max_queue_bytes: int = MAX_QUEUE_BYTES,
-    ) -> None:
+    def __init__(self, client: TransformClient, writer: RecordingWriter) -> None:
         """Begin to record. Raises ServerUnavailable if the client is closed."""
         self.counters = Counters()
         self._writer = writer
-        self._max_queue_bytes = max_queue_bytes
         self._queue: deque[_Item] = deque()  # guarded by `_changed`, as are the next three
         self._queued_bytes = 0
         self._closing = False
@@ -208,7 +202,7 @@ class Recorder:
             if self._error is not None:
                 return
             size = item.rows.nbytes
-            if not may_wait and self._queued_bytes + size > self._max_queue_bytes:
+            if not may_wait and self._queued_bytes + size > _MAX_QUEUE_BYTES:
                 self.counters.dropped += count
                 return
             self._queue.append(item)

@@ -18,7 +18,8 @@ from zenoh_tf import (
     TransformException,
     TransformTree,
 )
-from zenoh_tf.text.similar import did_you_mean, similar
+from zenoh_tf._core import similar_names
+from zenoh_tf.text.similar import did_you_mean
 
 S = 10**9
 NOW_NS = 1_700_000_000 * S
@@ -228,8 +229,8 @@ def test_the_document_is_json(tree: TransformTree) -> None:
 
 def test_names_that_are_alike() -> None:
     names = ["base_link", "base_footprint", "robot2/base_link", "Base_Link", "laser"]
-    assert similar("base_link", names) == ["Base_Link", "robot2/base_link", "base_footprint"]
-    assert similar("robot1/base_link", names)[0] == "base_link"
+    assert similar_names("base_link", names) == ["Base_Link", "robot2/base_link", "base_footprint"]
+    assert similar_names("robot1/base_link", names)[0] == "base_link"
     assert did_you_mean("lase", names) == "did you mean 'laser'?"
     assert did_you_mean("wheel", names) is None
     assert did_you_mean("x", []) is None

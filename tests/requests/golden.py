@@ -137,12 +137,8 @@ def lookup_reply() -> wire.Message:
 
 
 def commit() -> wire.Message:
-    return wire.commit_body(
-        wire.Commit(
-            *(ROWS, "lidar/1", True, True, True, ["base"], np.array([4], np.uint64)),
-        ),
-        WRITE,
-    )
+    commit = wire.Commit(ROWS, "lidar/1", True, True, True, ["base"], np.array([4], np.uint64))
+    return wire.commit_body(commit) | WRITE
 
 
 def native_reply() -> bytes:
@@ -185,9 +181,9 @@ MESSAGES: dict[str, tuple[Callable[[], bytes], Read]] = {
                     ("lookup", wire.one_read("map", "base", wire.OP_COMMON, wire.NO_STAMP)),
                     ("commit", wire.commit_body(wire.Commit(ROWS))),
                     ("info", wire.call_body("stats")),
-                ],
-                WRITE,
+                ]
             )
+            | WRITE
         ),
         read_batch,
     ),

@@ -76,7 +76,7 @@ def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: Transf
     rows = 50_000
     identity = (0.0, 0, 0, 0, 0, 0, 1)
     links = TransformRows.of_tuples(("root", f"f{row}", row, identity) for row in range(rows))
-    payload = wire.pack(wire.commit_body(wire.Commit(links), {"id": os.urandom(16)}))
+    payload = wire.pack(wire.commit_body(wire.Commit(links)) | {"id": os.urandom(16)})
     with ThreadPoolExecutor(8) as pool:
         replies = list(pool.map(lambda _: wires.query("commit", payload), range(8)))
     assert all(reply == replies[0] and len(reply["stored"]) == rows for reply in replies)
@@ -84,7 +84,7 @@ def test_repeats_of_a_running_write_share_its_outcome(wires: Raw, client: Transf
 
 
 def test_batches_and_clear_run_once_too(wires: Raw, client: TransformClient) -> None:
-    batch = wire.batch_body([("commit", commit(x=1.0))], {"id": os.urandom(16)})
+    batch = wire.batch_body([("commit", commit(x=1.0))]) | {"id": os.urandom(16)}
     first = wires.query("batch", batch)
     assert wires.query("batch", batch) == first
     clear = wire.pack({**wire.call_body("clear"), "id": os.urandom(16)})

@@ -35,7 +35,7 @@ def mixed(reads: int, stamp_ns: int, **more: object) -> bytes:
     """A batch of reads around a write."""
     operations = [("lookup", READ)] * reads
     operations[reads // 2 : reads // 2] = [("commit", write(stamp_ns))]
-    return wire.pack(wire.batch_body(operations, {"id": os.urandom(16), **more}))
+    return wire.pack(wire.batch_body(operations) | {"id": os.urandom(16), **more})
 
 
 def clock_ns(wires: Raw) -> int:
@@ -69,7 +69,7 @@ def test_an_outcome_holds_the_writes_part_only(server: ServerProcess, wires: Raw
     with cost_of(server.process.pid) as cost:
         for stamp in range(40):
             big = ("lookup", lookup(25_000, "map", "base"))
-            body = wire.batch_body([("commit", write(stamp)), big], {"id": os.urandom(16)})
+            body = wire.batch_body([("commit", write(stamp)), big]) | {"id": os.urandom(16)}
             replies = wires.query("batch", body, 30.0)["replies"]
             assert replies[0]["stored"] == b"\1"
     assert cost.kept_mb < 60.0
@@ -121,7 +121,7 @@ def test_a_write_behind_a_stall_does_not_run_after_its_expiry(
     more = {"id": os.urandom(16), "expires_ns": clock_ns(wires) + 300_000_000}
     payload = {
         "commit": wire.pack(write(2, **more)),
-        "batch": wire.pack(wire.batch_body([("commit", write(2))], more)),
+        "batch": wire.pack(wire.batch_body([("commit", write(2))]) | more),
         "admin": wire.pack(wire.call_body("reset") | more),
     }[request_type]
     with ThreadPoolExecutor(4) as pool:
@@ -196,5 +196,5 @@ def test_an_id_of_a_write_of_another_kind_is_refused(wires: Raw) -> None:
     assert error_of(reply).field == "id"
     one, two = os.urandom(16), [("commit", write(7)), ("commit", write(8))]
     assert "replies" in wires.query("batch", mixed(1, 6, id=one))
-    more = wires.query("batch", wire.batch_body(two, {"id": one}))
+    more = wires.query("batch", wire.batch_body(two) | {"id": one})
     assert "a batch with 1 transactions" in str(error_of(more))

@@ -48,16 +48,8 @@ class Queries:
         self._attachment = f"{client_id} {keys.TAKES_PARTS}".encode()
         self._server = server
 
-    def ask(
-        self,
-        key: zenoh.KeyExpr,
-        payload: bytes,
-        timeout_s: float,
-        token: zenoh.CancellationToken | None = None,
-    ) -> bytes | NoReply:
+    def ask(self, key: zenoh.KeyExpr, payload: bytes, timeout_s: float) -> bytes | NoReply:
         """Send a request, and return the bytes of the first reply, or why there is none.
-
-        `token` ends the query, as if the server had gone away.
 
         Raises:
             ServerUnavailable: The session is closed.
@@ -72,7 +64,6 @@ class Queries:
                     attachment=self._attachment,
                     timeout=timeout_s,
                     consolidation=_EACH_REPLY,
-                    cancellation_token=token,
                 ):
                     sample = reply.ok
                     if sample is not None and sample.attachment is None:  # the common case
@@ -124,7 +115,8 @@ class Queries:
             # Zenoh ends a query at once if no server is there, or when the server goes away.
             return self.went_away()
         if data == ZENOH_TIMEOUT:
-            return self.timed_out(timeout_s)
+            reason = f"no answer from {self._server} within {timeout_s:g} s"
+            return NoReply(reason, at_once=False)
         return data
 
     def went_away(self) -> NoReply:
@@ -132,10 +124,6 @@ class Queries:
         return NoReply(
             f"{self._server} is not there, or went away before it answered", at_once=True
         )
-
-    def timed_out(self, timeout_s: float) -> NoReply:
-        """Return what a request ends with if the server does not answer in time."""
-        return NoReply(f"no answer from {self._server} within {timeout_s:g} s", at_once=False)
 
 
 class ReplyParts:

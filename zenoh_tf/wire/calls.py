@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import msgpack
@@ -18,14 +18,9 @@ BATCH_TYPES: Final = ("lookup", "commit", "info")
 _ROBOTS = "robots"
 
 
-def batch_body(
-    operations: Sequence[tuple[str, Message]], write: Mapping[str, object] | None = None
-) -> Message:
+def batch_body(operations: Sequence[tuple[str, Message]]) -> Message:
     """The body of a batch: an ordered list of operations with a common reply."""
-    body: Message = {"v": 1, "operations": [list(operation) for operation in operations]}
-    if write:
-        body.update(write)
-    return body
+    return {"v": 1, "operations": [list(operation) for operation in operations]}
 
 
 def parse_batch(body: Message) -> list[tuple[str, Message]]:

@@ -5,7 +5,7 @@ A put of transforms carries the same body, but its key gives `authority` and `st
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -102,7 +102,7 @@ class Commit:
         )
 
 
-def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Message:
+def commit_body(commit: Commit) -> Message:
     """The body of a commit. Fields with default values are left out."""
     parent, child, stamp, pose = commit.rows.columns()
     body: Message = {
@@ -124,8 +124,6 @@ def commit_body(commit: Commit, write: Mapping[str, object] | None = None) -> Me
     if commit.read_versions is not None:
         body["read_names"] = commit.read_names
         body["read_versions"] = raw(commit.read_versions, U64)
-    if write:
-        body.update(write)
     return body
 
 

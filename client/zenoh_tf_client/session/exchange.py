@@ -251,7 +251,7 @@ class Exchange:
             payload = wire.pack(body)
         server = self.server
         if server is not None and len(payload) > server.message_bytes:
-            server.check_size(payload)
+            raise server.too_long(len(payload))
         return JudgedQuery(key, payload, timeout_s, time.monotonic() + timeout_s, floor)
 
     def _plain(self, request: Request[T], reply: bytes | NoReply | None) -> tuple[T] | None:
@@ -331,7 +331,7 @@ class Exchange:
             write = self.floor.add(write)
         payload = wire.pack(body | write)
         if len(payload) > server.message_bytes:
-            server.check_size(payload)
+            raise server.too_long(len(payload))
         return JudgedQuery(
             key or self.keys[request.request_type],
             payload,

@@ -24,17 +24,15 @@ class ServerInfo:
     real_ns: int | None = None  # its real-time clock, when it replied
     primary: str | None = None  # where writes are accepted, if not here
 
-    def check_size(self, payload: bytes) -> bytes:
-        """Return a request's bytes. Raises LimitExceeded if the server takes no such long ones."""
-        if len(payload) > self.message_bytes:
-            raise LimitExceeded(
-                f"a message of {len(payload):,} bytes exceeds the server's limit of "
-                f"{self.message_bytes:,} bytes (--limit message_bytes=N)",
-                field="message_bytes",
-                limit=self.message_bytes,
-                value=len(payload),
-            )
-        return payload
+    def too_long(self, size: int) -> LimitExceeded:
+        """The error of a request that is longer than `message_bytes`."""
+        return LimitExceeded(
+            f"a message of {size:,} bytes exceeds the server's limit of {self.message_bytes:,} "
+            "bytes (--limit message_bytes=N)",
+            field="message_bytes",
+            limit=self.message_bytes,
+            value=size,
+        )
 
     def raise_read_only(self) -> NoReturn:
         """Raise the error of a write where the server accepts none."""

@@ -31,15 +31,15 @@ def frame_infos(tf: TransformClient, names: Sequence[str] | None = None) -> list
     return found
 
 
-def watch_frames(tf: TransformClient, for_s: float) -> Iterator[tuple[float, list[FrameInfo]]]:
-    """Yield the records of all frames with the monotonic time of the request: at the beginning, at
-    the end, and in between. With 0 seconds, once."""
+def watch_frames(tf: TransformClient, for_s: float) -> Iterator[list[FrameInfo]]:
+    """Yield the records of all frames: at the beginning, at the end, and in between. With 0
+    seconds, once."""
     end_s = time.monotonic() + for_s
     while True:
         asked_s = time.monotonic()
         frames = frame_infos(tf)
         took_s = time.monotonic() - asked_s
-        yield asked_s, frames
+        yield frames
         left_s = end_s - time.monotonic()
         if left_s <= 0:
             return

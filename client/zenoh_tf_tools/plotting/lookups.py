@@ -162,7 +162,7 @@ def replayed(
         for stamp_ns, pose in zip(stamps_ns, answers.poses.tolist(), strict=True):
             age_s = float("nan")
             try:
-                age_s = _age_s(recording, recording.chain(*pair, stamp_ns), stamp_ns)
+                age_s = _age_s(recording, recording.lookups.chain(*pair, stamp_ns), stamp_ns)
             except TransformException as error:
                 last_error = error
             moved = _velocity(recording.lookups, pair, stamp_ns) if velocity else _NO_VELOCITY

@@ -45,10 +45,6 @@ class RecordedSource:
     def lookups(self) -> Lookups:
         return self._tree
 
-    def chain(self, target: str, source: str, time_ns: int) -> list[str]:
-        """The frames from target to source at a time. Raises as `TransformTree.chain`."""
-        return self._tree.chain(target, source, time_ns)
-
     def names(self) -> list[str]:
         return self._names
 

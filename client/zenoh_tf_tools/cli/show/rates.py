@@ -90,7 +90,7 @@ def watch(tf: TransformClient, period_s: float, pairs: Sequence[Sequence[str]] =
     before: dict[str, FrameInfo] = {}
     now: dict[str, FrameInfo] = {}
     pair_watches = [PairWatch((target, source)) for target, source in pairs]
-    for _, frames in watch_frames(tf, period_s):
+    for frames in watch_frames(tf, period_s):
         clock_ns = time.time_ns()
         for frame in frames:
             age_s = frame.delay_s(clock_ns)
