@@ -77,7 +77,7 @@ def extrapolated(found: Explanation, failing: list[LinkReport], reference: int) 
     # Of these causes one explains the failure, and what else is odd follows from it.
     cause = sentences.wrong_unit(found, failing)
     if cause is None and (worst.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
-        cause = sentences.OTHER_CLOCK
+        cause = sentences.without_stamps(failing) or sentences.OTHER_CLOCK
     if cause is None:
         cause = sentences.not_come(found, failing, reference)
     advice = [cause]
@@ -139,7 +139,7 @@ def without_common_time(
         reasons.append(sentences.was_static(ending))
     cause = sentences.wrong_unit_of(ending, first)
     if cause is None and (first.off_by_ns or 0) > CLOCK_RANGE_S * 10**9:
-        cause = sentences.OTHER_CLOCK
+        cause = sentences.without_stamps([ending]) or sentences.OTHER_CLOCK
     if cause is not None:
         advice = [cause]
     elif ahead:

@@ -18,8 +18,8 @@ _RECENT_NS: Final = 60_000_000_000
 
 OTHER_CLOCK: Final = (
     "The time asked for and the stamps of the chain are of different clocks, such as this "
-    "machine's and a simulation's: use the clock of the transforms "
-    "(use_sim_time in ROS)."
+    "machine's and a simulation's, or a sensor's that counts from its start: use the clock of the "
+    "transforms (use_sim_time in ROS)."
 )
 TOO_EARLY: Final = (
     "Samples arrive with a delay. Give the lookup a time-out and it waits for the next ones, "
@@ -43,6 +43,18 @@ def mirror_is_lost(source: AuthorityInfo) -> str:
 def publisher(link: LinkReport) -> str:
     """Return who publishes a link."""
     return quoted(link.authority) if link.authority else "its publisher, which gave no name,"
+
+
+def without_stamps(links: Iterable[LinkReport]) -> str | None:
+    """Return which of some links has a publisher that fills in no stamps; None if there is none."""
+    for link in links:
+        if link.newest_stamp_ns == 0:
+            return (
+                f"All samples of {name(link)} have the stamp 0, so each replaces the one before: "
+                f"let {publisher(link)} stamp them with the time of the measurement, or send a "
+                "link that never moves as static."
+            )
+    return None
 
 
 def outside(link: LinkReport, found: Explanation) -> str:

@@ -16,6 +16,8 @@ from typing import Final
 NUMBER: Final = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _DISTANCE: Final = re.compile(rf"(?P<number>{NUMBER})(?P<unit>mm|cm|m)?", re.ASCII)
 _METRES: Final = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+#: Of a turn in radians, however it is rounded.
+_TURN: Final = 6.3
 _ANGLE: Final = re.compile(rf"(?P<number>[+-]?{NUMBER})(?P<unit>deg|rad|mrad)?", re.ASCII)
 _RADIANS: Final = {"deg": math.pi / 180, "mrad": 1e-3, "rad": 1.0}
 
@@ -47,14 +49,14 @@ def length(text: str) -> float:
 
 def angle(*, bare: bool = False, low: float = -math.inf) -> Callable[[str], float]:
     """A type for an angle with its unit, in radians, from `low`; 0 needs no unit. `bare`: a number
-    alone is in radians, as other programs write it."""
+    alone is in radians, as other programs write it, up to a whole turn."""
 
     def parse(text: str) -> float:
         match = _ANGLE.fullmatch(text.strip())
         if match is None:
             raise argparse.ArgumentTypeError(f"{text!r} is not an angle; give 90deg or 1.57rad")
         value = float(match["number"])
-        if match["unit"] is None and value and not bare:
+        if match["unit"] is None and value and not (bare and abs(value) <= _TURN):
             raise ambiguous(text, "{0} degrees or {0} radians; write {0}deg or {0}rad")
         in_range(value, text, "number", low, math.inf, False, "")
         return value * _RADIANS[match["unit"] or "rad"]

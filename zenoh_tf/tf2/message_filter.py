@@ -200,7 +200,8 @@ class TransformFilter:
             self._held[held] = None
         if oldest is not None:
             error = LimitExceeded(
-                f"the filter's queue of {self._queue_size:,} messages is full (queue_size)",
+                f"the filter's queue of {self._queue_size:,} messages is full; it must hold "
+                "as many as come while a transform is late (queue_size)",
                 field="queue_size",
                 limit=self._queue_size,
             )

@@ -191,3 +191,14 @@ def warn(recording: Recording) -> None:
     """Print on stderr what was wrong with the recording."""
     for warning in recording.warnings():
         print(f"zenoh-tf: {printable(warning)}", file=sys.stderr)
+
+
+def warn_of_statics(args: argparse.Namespace, tree: TransformTree) -> None:
+    """Print on stderr why frames may be missing, if the recording has no static link."""
+    if any(tree.frame(name).static for name in tree.frames()):
+        return
+    print(
+        f"zenoh-tf: {printable(str(args.file))} has no static links; of a recording in parts "
+        "often only the first has them: give the folder, or record /tf_static, too",
+        file=sys.stderr,
+    )

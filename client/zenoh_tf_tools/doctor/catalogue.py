@@ -105,8 +105,8 @@ CATALOGUE: Final = (
         "The stamps of one computer do not fit those of the others, so lookups across them fail or "
         "join poses of different times. A filter that stamps ahead on purpose looks the same; "
         "corrections that are repeated, and mounts that never move, are not reported.",
-        "Synchronise the clocks (chrony, PTP). docs/explanation/clocks.md says how the offsets are "
-        "measured.",
+        "Synchronise the clocks (chrony, PTP). A sensor that is 37 s off has TAI from PTP: set its "
+        "driver's offset to UTC. docs/explanation/clocks.md says how the offsets are measured.",
         clocks.skewed_clock,
     ),
     Fault(
@@ -157,8 +157,10 @@ CATALOGUE: Final = (
         "Some links have stamps of the real clock, and this one of another, such as simulated "
         "time. No lookup joins them.",
         "Give all nodes one clock: set `use_sim_time` in all of them or in none, and end what a "
-        "simulator or an old recording still publishes. A stamp of 1.8 s after 1970 is probably "
-        "one in seconds: stamps are integer nanoseconds (`time.time_ns()`).",
+        "simulator or an old recording still publishes. Let the driver of a sensor that counts "
+        "from its own start stamp with the host's clock, or synchronise it (PTP). A stamp of 1.8 s "
+        "after 1970 is probably one in seconds: stamps are integer nanoseconds "
+        "(`time.time_ns()`).",
         clocks.other_epoch,
     ),
     Fault(

@@ -15,6 +15,9 @@ from zenoh_tf_tools.doctor.words import Evidence, by_publisher, samples, times, 
 
 #: A clock that is late by more is wrong; less may be the delay of messages.
 _BEHIND_S: Final = 1.0
+#: TAI, the time of PTP, is so far ahead of UTC, since 2017; and what delays may add.
+_TAI_S: Final = 37.0
+_TAI_MARGIN_S: Final = 0.5
 #: A localisation that stamps its corrections ahead repeats this part of them.
 _REPEATED_POSES: Final = 0.3
 #: Samples that show how far a link's stamps are from their arrivals.
@@ -56,7 +59,7 @@ def skewed_clock(facts: TreeFacts) -> Evidence:
                 yield by_publisher(
                     link,
                     f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s"
-                    f"{_on_purpose(facts, [link])}",
+                    f"{_of_tai(least, greatest)}{_on_purpose(facts, [link])}",
                 )
     for client in facts.clients:
         least, greatest = client.clock_offset_min_s, client.clock_offset_max_s
@@ -180,7 +183,11 @@ def other_epoch(facts: TreeFacts) -> Evidence:
         if is_of_other_epoch(facts, link):
             newest_ns = link.frame.newest_stamp_ns or 0
             unit = other_unit(newest_ns, facts.now_ns, facts.now_ns)
-            kind = ", as of a simulation" if newest_ns < SIMULATED_NS else ""
+            kind = ""
+            if newest_ns == 0:
+                kind = ", as of a publisher that fills in no stamps"
+            elif newest_ns < SIMULATED_NS:
+                kind = ", as of a simulation, or of a sensor that counts from its start"
             if unit is not None:
                 kind = f", as of a publisher that gives {unit} as nanoseconds"
             yield by_publisher(
@@ -279,6 +286,16 @@ def _is_off(least_s: float, greatest_s: float) -> bool:
 
 
 def _lead(least_s: float, greatest_s: float) -> str:
+    tai = _of_tai(least_s, greatest_s)
     if least_s > 0:
-        return f"ahead of the server's by {least_s:.3f} to {greatest_s:.3f} s"
-    return f"behind the server's by {-greatest_s:.3f} to {-least_s:.3f} s"
+        return f"ahead of the server's by {least_s:.3f} to {greatest_s:.3f} s{tai}"
+    return f"behind the server's by {-greatest_s:.3f} to {-least_s:.3f} s{tai}"
+
+
+def _of_tai(least_s: float, greatest_s: float) -> str:
+    """The explanation of a clock that is off by the seconds between TAI and UTC."""
+    # The greatest lead has the least delay in it.
+    if abs(abs(greatest_s) - _TAI_S) > _TAI_MARGIN_S or greatest_s - least_s > _BEHIND_S:
+        return ""
+    how = "set to TAI, as PTP clocks are" if least_s > 0 else "corrected twice for TAI, as of PTP"
+    return f", as of a clock that is {how}: TAI is {_TAI_S:.0f} s ahead of UTC"

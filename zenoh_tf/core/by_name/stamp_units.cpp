@@ -18,6 +18,8 @@ constexpr Stamp kReal = 100'000'000'000'000'000;
 constexpr double kSimulatedMargin = 60e9, kRealMargin = kDay;
 // A forward lookup that misses by less is probably one of the present.
 constexpr double kPresent = 2e9;
+// TAI is so far ahead of UTC, since 2017; and how far a sensor's sample is from the link's newest.
+constexpr double kTai = 37e9, kTaiMargin = 0.5e9;
 // Units that a stamp may be in by mistake.
 constexpr std::pair<const char*, double> kUnits[] = {
     {"seconds", 1e9}, {"milliseconds", 1e6}, {"microseconds", 1e3}};
@@ -45,18 +47,26 @@ std::string looks_like(Stamp stamp, const char* unit) {
   return std::to_string(stamp) + " ns is " + after_1970(stamp, unit) + kCure;
 }
 
-// What is wrong if either a lookup's stamp or its link's stamps are in another unit, and the others
-// are of a real clock; else empty.
+std::string of_its_own_clock(Stamp stamp) {
+  return age(static_cast<double>(stamp)) +
+         " after 1970, as of a simulation, or of a sensor that counts from its start: give all one "
+         "clock";
+}
+
+// What is wrong if either a lookup's stamp or its link's stamps are in another unit or of another
+// clock, and the others are of a real clock; else empty.
 std::string unit_hint(Stamp stamp, Stamp oldest, Stamp newest) {
   if (newest > kReal) {
     const Stamp now = real_time_ns();  // an old recording is asked for the present, too
     const char* unit = other_unit(stamp, oldest, newest);
     if (!unit) unit = other_unit(stamp, now, now);
-    return unit ? looks_like(stamp, unit) : "";
+    if (unit) return looks_like(stamp, unit);
+    return 0 < stamp && stamp < kReal ? "that is " + of_its_own_clock(stamp) : "";
   }
   if (stamp > kReal && newest % 1000 != 0)  // as of unit_warning
     if (const char* const unit = other_unit(newest, stamp, stamp))
       return "the link's newest stamp of " + looks_like(newest, unit);
+  if (stamp > kReal && newest > 0) return "the link's newest stamp is " + of_its_own_clock(newest);
   return "";
 }
 
@@ -99,6 +109,8 @@ std::string beside(Stamp stamp, Stamp oldest, Stamp newest, const std::string& w
   std::string end = " (" + age(off) + (is_late ? " too late" : " too early");
   end += (waited.empty() ? "" : ", " + waited) + ")";
   std::string hint = unit_hint(stamp, oldest, newest);
+  if (hint.empty() && is_late && newest > kReal && std::abs(off - kTai) < kTaiMargin)
+    hint = "TAI, the time of PTP, is 37 s ahead of UTC";
   if (hint.empty() && may_wait && waited.empty() && is_late && off <= kPresent)
     hint = "give the lookup a time-out to wait for the next sample";
   return hint.empty() ? end : end + "; " + hint;

@@ -1,4 +1,4 @@
-// Lengths of time as people read them, and stamps that are in seconds, milliseconds or
+// Lengths of time as people read them, and stamps of another clock, or in seconds, milliseconds or
 // microseconds, where nanoseconds belong.
 //
 // A stamp near 0 is ordinary in simulated time. So a unit is only named for a stamp that has

@@ -200,7 +200,8 @@ def _print(args: argparse.Namespace, robot: Robot, frame: FrameNames, *, stored:
     print(f"{name}: {_count(fixed, 'joint')} {done}, root frame {printable(frame(robot.root))}")
     if moving:
         how = "" if args.joint_states is not None else " with --joint-states"
-        print(f"{_count(moving, 'joint')} that move{how}: {_names(moving)}")
+        verb = "moves" if len(moving) == 1 else "move"
+        print(f"{_count(moving, 'joint')} that {verb}{how}: {_names(moving)}")
     for joint in robot.of_kind(*UNSUPPORTED):
         parent, child = printable(frame(joint.parent)), printable(frame(joint.child))
         print(

@@ -31,8 +31,8 @@ def add(commands: Commands) -> None:
         _static,
         "store a static link, with tf2's argument forms",
         "Store the pose of CHILD in PARENT for all times: metres, and angles or a quaternion. The "
-        "arguments are those of tf2's static_transform_publisher; an angle is in radians, or has "
-        "its unit, as in 90deg. The server keeps the link, so the command ends.",
+        "arguments are those of tf2's static_transform_publisher; an angle is in radians, up to a "
+        "whole turn, or has its unit, as in 90deg. The server keeps the link, so the command ends.",
         "zenoh-tf static 0.1 0 0.25 0 0 0 base_link camera",
         "zenoh-tf static 0.1 0 0.25 -90deg 0 0 base_link camera",
         "zenoh-tf static 0.1 0 0.25 0 0 0 1 base_link camera",
