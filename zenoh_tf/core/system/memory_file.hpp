@@ -41,9 +41,9 @@ class MemoryFile {
   void close() noexcept;
 
   std::byte* begin_ = nullptr;
-  [[maybe_unused]] std::uint64_t bytes_;
+  std::uint64_t bytes_;
   int writable_ = -1, read_only_ = -1;
-  [[maybe_unused]] std::int64_t owner_ = 0;  // a process
+  std::int64_t owner_ = 0;  // a process
 };
 
 // Of files that other processes made; errno says why a function fails.
