@@ -23,8 +23,7 @@ from ..transaction import Transaction, repeat
 from .interest import interested
 from .reads import OF_TREE, MirrorReads
 from .source import MirrorSource
-from .transaction import MirrorTransaction
-from .transaction_reads import OwnWrites
+from .transaction import MirrorTransaction, OwnWrites
 
 if TYPE_CHECKING:
     from typing_extensions import Self
