@@ -24,21 +24,23 @@ async def in_thread(call: Callable[[], T], undo: Callable[[T], object] = lambda 
     A caller that is cancelled does not wait for the call to return; `undo` then gets its result.
     """
     future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            result = call()
-        except BaseException as error:
-            if future.set_running_or_notify_cancel():
-                future.set_exception(error)
-            return
-        if future.set_running_or_notify_cancel():
-            future.set_result(result)
-        else:
-            undo(result)
-
-    threads.start("zenoh-tf", run)
+    threads.start("zenoh-tf", _fill, future, call, undo)
     return await asyncio.wrap_future(future)
+
+
+def _fill(future: Future[T], call: Callable[[], T], undo: Callable[[T], object]) -> None:
+    if future.cancelled():
+        return
+    try:
+        result = call()
+    except BaseException as error:
+        if future.set_running_or_notify_cancel():
+            future.set_exception(error)
+        return
+    if future.set_running_or_notify_cancel():
+        future.set_result(result)
+    else:
+        undo(result)
 
 
 class Worker:
@@ -74,18 +76,7 @@ class Worker:
     async def run(self, call: Callable[[], T]) -> T:
         """Return what a call returns, or raise its error."""
         future: Future[T] = Future()
-
-        def job() -> None:
-            if not future.set_running_or_notify_cancel():
-                return
-            try:
-                result = call()
-            except BaseException as error:
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-
-        self.start(job)
+        self.start(lambda: _fill(future, call, lambda _: None))
         return await asyncio.wrap_future(future)
 
 
