@@ -141,12 +141,12 @@ def prefix(tree: str) -> str:
 def put(tree: str, authority: str, *, static: bool) -> str:
     """The key on which `authority` puts transforms."""
     kind = "static" if static else "set"
-    return f"{PREFIX}/{escape(tree, 'tree')}/{kind}/{escape(authority, 'authority')}"
+    return f"{prefix(tree)}/{kind}/{escape(authority, 'authority')}"
 
 
 def all_puts(tree: str) -> str:
     """A key expression of all puts of a tree, static and not, and of other keys (`put_kind`)."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/*/*"
+    return f"{prefix(tree)}/*/*"
 
 
 def put_kind(key: str) -> str | None:
@@ -157,14 +157,14 @@ def put_kind(key: str) -> str | None:
 
 def stream(tree: str, instance: str, interest: str = "") -> str:
     """The key on which a server instance publishes what commits change, or of an interest's id."""
-    key = f"{PREFIX}/{escape(tree, 'tree')}/stream/{escape(instance, 'instance')}"
+    key = f"{prefix(tree)}/stream/{escape(instance, 'instance')}"
     return f"{key}/{interest}" if interest else key
 
 
 def streams(tree: str, interest: str = "") -> str:
     """The key expression of the streams of a tree's servers, one after another; "*": of all
     interests."""
-    key = f"{PREFIX}/{escape(tree, 'tree')}/stream/*"
+    key = f"{prefix(tree)}/stream/*"
     return f"{key}/{interest}" if interest else key
 
 
@@ -178,22 +178,22 @@ def streams_of_trees(before: str, after: str, interest: str = "") -> str:
 
 def server(tree: str, instance: str) -> str:
     """The key of a server's liveliness token."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/server/{escape(instance, 'instance')}"
+    return f"{prefix(tree)}/server/{escape(instance, 'instance')}"
 
 
 def servers(tree: str) -> str:
     """The key expression of every server's liveliness token."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/server/*"
+    return f"{prefix(tree)}/server/*"
 
 
 def candidate(tree: str, instance: str) -> str:
     """The key of the liveliness token of a server that is about to serve a tree."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/candidate/{escape(instance, 'instance')}"
+    return f"{prefix(tree)}/candidate/{escape(instance, 'instance')}"
 
 
 def candidates(tree: str) -> str:
     """The key expression of every candidate's liveliness token."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/candidate/*"
+    return f"{prefix(tree)}/candidate/*"
 
 
 def all_servers() -> str:
@@ -203,12 +203,12 @@ def all_servers() -> str:
 
 def client(tree: str, client_id: str) -> str:
     """The key of a client's liveliness token."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/client/{escape(client_id, 'client')}"
+    return f"{prefix(tree)}/client/{escape(client_id, 'client')}"
 
 
 def clients(tree: str) -> str:
     """The key expression of every client's liveliness token."""
-    return f"{PREFIX}/{escape(tree, 'tree')}/client/*"
+    return f"{prefix(tree)}/client/*"
 
 
 def tree_name(key: str) -> str:

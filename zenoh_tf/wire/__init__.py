@@ -69,8 +69,6 @@ from .fields import (
 from .floor import AGE_NS, FLOOR, floor_field, parse_age_s, take_floor, with_field
 from .interest import Interest, parse_interest
 from .lookup import (
-    NO_GAP_LIMIT,
-    NO_GAPS,
     NO_STAMP,
     OP_AT,
     OP_COMMON,

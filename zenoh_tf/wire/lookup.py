@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .._core import pack_single_lookup
 from ..errors import BY_CODE, TransformException
+from ..gap_limit import NO_GAPS, NO_LIMIT
 from .error_codec import decode_error, encode_error, raise_error
 from .fields import (
     F64,
@@ -47,10 +48,6 @@ OPS: Final = 6
 
 #: In columns of stamps: no time is given.
 NO_STAMP: Final = -(1 << 63)
-
-#: A lookup's `max_gap_ns` that allows any interpolation, and one that allows none over a gap.
-NO_GAP_LIMIT: Final = -1
-NO_GAPS: Final = -2
 
 _FIRST: Final = struct.pack("<I", 0)
 _SECOND: Final = struct.pack("<I", 1)
@@ -90,7 +87,7 @@ class Lookup:
     versions: bool = False
     errors: bool = True
     timeout_ns: int = 0
-    max_gap_ns: int = NO_GAP_LIMIT
+    max_gap_ns: int = NO_LIMIT
 
     @property
     def rows(self) -> int:
@@ -149,7 +146,7 @@ def lookup_body(lookup: Lookup) -> Message:
         body["errors"] = False
     if lookup.timeout_ns:
         body["timeout_ns"] = lookup.timeout_ns
-    if lookup.max_gap_ns != NO_GAP_LIMIT:
+    if lookup.max_gap_ns != NO_LIMIT:
         body["max_gap_ns"] = lookup.max_gap_ns
     return body
 
@@ -179,7 +176,7 @@ def parse_lookup(body: Message) -> Lookup:
     lookup.versions = flag(body, "versions")
     lookup.errors = flag(body, "errors", True)
     lookup.timeout_ns = integer(body, "timeout_ns", 0, low=0)
-    lookup.max_gap_ns = integer(body, "max_gap_ns", NO_GAP_LIMIT, low=NO_GAPS)
+    lookup.max_gap_ns = integer(body, "max_gap_ns", NO_LIMIT, low=NO_GAPS)
     return lookup
 
 

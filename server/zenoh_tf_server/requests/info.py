@@ -10,6 +10,7 @@ from typing import Any, Final
 from zenoh_tf import TransformTree, wire
 from zenoh_tf._core import Budget
 from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.gap_limit import NO_GAPS, NO_LIMIT
 from zenoh_tf.text import quoted
 
 from ..ingest.clock_offsets import ClockOffsets
@@ -186,7 +187,7 @@ class InfoRequests:
             reference,
             wire.column(message, "reference_point", wire.F64, 3),
             point_frame,
-            wire.integer(message, "max_gap_ns", wire.NO_GAP_LIMIT, low=wire.NO_GAPS),
+            wire.integer(message, "max_gap_ns", NO_LIMIT, low=NO_GAPS),
         )
 
     def _frame(self, message: wire.Message, field: str) -> str:
