@@ -94,6 +94,7 @@ def test_a_reset_forgets_why_transforms_were_refused(server: ServerProcess) -> N
 
         broadcaster.send(StampedTransform("map", "base", 1, Transform()))
         broadcaster.send(StampedTransform("base", "map", 1, Transform()))
+        wait_until(lambda: "closes a loop" in {each.name for each in tf.authorities()})
         wait_until(lambda: record().last_refusal)
         refused = record().refused
         assert "TF106  transforms that were refused" in doctor().stdout

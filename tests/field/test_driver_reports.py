@@ -80,21 +80,48 @@ def test_a_lookup_at_a_time_of_tai(ahead_s: float, is_tai: bool) -> None:
 @pytest.mark.parametrize(
     ("off_s", "words"),
     [
-        (36.999, "set to TAI, as PTP clocks are"),
+        (36.999, "of TAI, the time of PTP, which is 37 s ahead of UTC"),
         (-37.001, "corrected twice for TAI"),
+        (17.9, "of GPS time, which is 18 s ahead of UTC"),
+        (8 * 3600 - 0.02, "of local time taken for UTC or the reverse: 8 h"),
+        (-5.5 * 3600, "of local time taken for UTC or the reverse: 5.5 h"),
         (30.0, ""),
-        (-18.0, ""),
+        (-7000.0, ""),
     ],
 )
-def test_a_clock_of_tai(off_s: float, words: str) -> None:
-    """As above, and RoboSense-LiDAR/rs_driver#75: stamps 37 s behind."""
+def test_a_clock_of_another_scale(off_s: float, words: str) -> None:
+    """As above, RoboSense-LiDAR/rs_driver#75 and #29, ethz-asl/ethz_piksi_ros#90: TAI from PTP or
+    taken from it twice, GPS time, and the time zone of the driver's host."""
 
     def lidar(number: int, time_s: float) -> Iterable[Row]:
         yield "base", "lidar", time_s + off_s, 0.1 * math.sin(time_s), 0.0
 
     text = found(lidar)["TF201 lidar"]
     assert words in text
-    assert ("TAI" in text) is bool(words)
+    assert (", as of" in text) is bool(words)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "first_s", "words"),
+    [
+        (20, 100.0, "whole seconds alone"),
+        (5, 1_786_275_388.0, "whole seconds alone"),
+        (20, 0.5, ""),
+        (20, None, "which is 0: nobody fills it in"),
+    ],
+)
+def test_stamps_without_nanoseconds(rate_hz: int, first_s: float | None, words: str) -> None:
+    """Minipada/ros2_data_collection#308, HesaiTechnology/HesaiLidar_General_ROS#52,
+    cra-ros-pkg/robot_localization#852: the nanoseconds of a stamp are lost on the way."""
+
+    def imu(number: int, time_s: float) -> Iterable[Row]:
+        if number % (20 // rate_hz) == 0:
+            stamp_s = 0.0 if first_s is None else first_s + int(time_s)
+            yield "base", "imu", stamp_s, 0.1 * math.sin(time_s), 0.0
+
+    text = found(imu, 400)["TF203 imu"]
+    assert words in text
+    assert ("which " in text) is bool(words)
 
 
 def test_a_publisher_that_fills_in_no_stamps() -> None:

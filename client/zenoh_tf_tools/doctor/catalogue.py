@@ -105,8 +105,9 @@ CATALOGUE: Final = (
         "The stamps of one computer do not fit those of the others, so lookups across them fail or "
         "join poses of different times. A filter that stamps ahead on purpose looks the same; "
         "corrections that are repeated, and mounts that never move, are not reported.",
-        "Synchronise the clocks (chrony, PTP). A sensor that is 37 s off has TAI from PTP: set its "
-        "driver's offset to UTC. docs/explanation/clocks.md says how the offsets are measured.",
+        "Synchronise the clocks (chrony, PTP). A sensor that is 37 s off has TAI from PTP, and one "
+        "that is 18 s off has GPS time: set its driver's offset to UTC. "
+        "docs/explanation/clocks.md says how the offsets are measured.",
         clocks.skewed_clock,
     ),
     Fault(

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import Final
 
-from zenoh_tf.introspection.frame_info import AHEAD_S, is_post_dated
+from zenoh_tf.introspection.frame_info import AHEAD_S, FrameInfo, is_post_dated
 from zenoh_tf.text.stamp_units import other_unit
 from zenoh_tf.text.times import CLOCK_RANGE_S, age, seconds
 from zenoh_tf_tools.doctor.facts import SIMULATED_NS, LinkFacts, TreeFacts
@@ -15,9 +15,11 @@ from zenoh_tf_tools.doctor.words import Evidence, by_publisher, samples, times, 
 
 #: A clock that is late by more is wrong; less may be the delay of messages.
 _BEHIND_S: Final = 1.0
-#: TAI, the time of PTP, is so far ahead of UTC, since 2017; and what delays may add.
-_TAI_S: Final = 37.0
-_TAI_MARGIN_S: Final = 0.5
+#: How far other times are ahead of UTC, since 2017, and the zones of local time apart; and what
+#: delays may add.
+_AHEAD_OF_UTC_S: Final = {37: "TAI, the time of PTP", 18: "GPS time"}
+_ZONE_S: Final = 1800
+_DELAY_S: Final = 0.5
 #: A localisation that stamps its corrections ahead repeats this part of them.
 _REPEATED_POSES: Final = 0.3
 #: Samples that show how far a link's stamps are from their arrivals.
@@ -59,7 +61,7 @@ def skewed_clock(facts: TreeFacts) -> Evidence:
                 yield by_publisher(
                     link,
                     f"its stamps are {ahead} their arrival by {ends[0]:.3f} to {ends[1]:.3f} s"
-                    f"{_of_tai(least, greatest)}{_on_purpose(facts, [link])}",
+                    f"{_of_scale(least, greatest)}{_on_purpose(facts, [link])}",
                 )
     for client in facts.clients:
         least, greatest = client.clock_offset_min_s, client.clock_offset_max_s
@@ -121,8 +123,21 @@ def repeated_stamps(facts: TreeFacts) -> Evidence:
         if count >= max(_REPEATED, part):
             since = window(facts, link, "rewritten")
             yield by_publisher(
-                link, f"{count:,} samples had a stamp that the link had already{since}"
+                link,
+                f"{count:,} samples had a stamp that the link had already{since}"
+                f"{_without_nanoseconds(frame)}",
             )
+
+
+def _without_nanoseconds(frame: FrameInfo) -> str:
+    """The explanation of repeated stamps by a publisher that fills in their seconds alone."""
+    oldest_ns, newest_ns = frame.oldest_stamp_ns or 0, frame.newest_stamp_ns or 0
+    if newest_ns == 0:
+        return ", which is 0: nobody fills it in"
+    span_s, rest_ns = divmod(newest_ns - oldest_ns, 10**9)
+    if rest_ns or newest_ns % 10**9 or not 1 < frame.samples <= span_s + 1:
+        return ""
+    return ", which has whole seconds alone, as if its nanoseconds were lost"
 
 
 def too_old(facts: TreeFacts) -> Evidence:
@@ -286,16 +301,23 @@ def _is_off(least_s: float, greatest_s: float) -> bool:
 
 
 def _lead(least_s: float, greatest_s: float) -> str:
-    tai = _of_tai(least_s, greatest_s)
+    scale = _of_scale(least_s, greatest_s)
     if least_s > 0:
-        return f"ahead of the server's by {least_s:.3f} to {greatest_s:.3f} s{tai}"
-    return f"behind the server's by {-greatest_s:.3f} to {-least_s:.3f} s{tai}"
+        return f"ahead of the server's by {least_s:.3f} to {greatest_s:.3f} s{scale}"
+    return f"behind the server's by {-greatest_s:.3f} to {-least_s:.3f} s{scale}"
 
 
-def _of_tai(least_s: float, greatest_s: float) -> str:
-    """The explanation of a clock that is off by the seconds between TAI and UTC."""
+def _of_scale(least_s: float, greatest_s: float) -> str:
+    """The explanation of a clock that is off by what another scale of time is ahead of UTC."""
     # The greatest lead has the least delay in it.
-    if abs(abs(greatest_s) - _TAI_S) > _TAI_MARGIN_S or greatest_s - least_s > _BEHIND_S:
+    off_s = abs(greatest_s)
+    if greatest_s - least_s > _BEHIND_S:
         return ""
-    how = "set to TAI, as PTP clocks are" if least_s > 0 else "corrected twice for TAI, as of PTP"
-    return f", as of a clock that is {how}: TAI is {_TAI_S:.0f} s ahead of UTC"
+    for lead_s, scale in _AHEAD_OF_UTC_S.items():
+        if abs(off_s - lead_s) <= _DELAY_S:
+            how = "of" if least_s > 0 else "that is corrected twice for"
+            return f", as of a clock {how} {scale}, which is {lead_s} s ahead of UTC"
+    zones = round(off_s / _ZONE_S)
+    if zones and abs(off_s - zones * _ZONE_S) <= _DELAY_S:
+        return f", as of local time taken for UTC or the reverse: {zones * _ZONE_S / 3600:g} h"
+    return ""
