@@ -30,13 +30,13 @@ from .limits import Limits
 class FairShare:
     """What each client holds of the limit `name`."""
 
-    def __init__(self, limits: Limits, name: str, own: str | int = 0) -> None:
-        """`own`: the limit of each client or its name; 0 if there is none."""
+    def __init__(self, limits: Limits, name: str, own_name: str = "") -> None:
+        """`own_name`: that of the limit of each client, if there is one."""
         self._limits = limits
         self._name = name
         self._limit: int = getattr(limits, name)
-        self._own_name = own if isinstance(own, str) else name
-        self._own: int = getattr(limits, own) if isinstance(own, str) else own
+        self._own_name = own_name
+        self._own: int = getattr(limits, own_name) if own_name else 0
         self._held: dict[str, int] = {}
         self.total = 0
 

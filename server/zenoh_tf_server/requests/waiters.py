@@ -195,7 +195,7 @@ class Waiters:
 
     def _fail(self, lookup_ids: list[int], reason: str) -> None:
         with self._lock:
-            ended = [waiting for lookup_id in lookup_ids if (waiting := self._remove(lookup_id))]
+            ended = [waiting for lookup_id in lookup_ids if (waiting := self._take(lookup_id))]
         if not ended:
             return
         # In one call, as each wakes the loop's thread.
@@ -268,18 +268,8 @@ class Waiters:
                 self._finish(lookup_id)
 
     def _take(self, lookup_id: int) -> _WaitingLookup | None:
-        """Remove a waiting lookup. None: another caller has it."""
-        with self._lock:
-            waiting = self._remove(lookup_id)
-        if waiting is None:
-            return None
-        waiting.rows.cancel()
-        if waiting.timer is not None:
-            self._loop.call_soon_threadsafe(waiting.timer.cancel)
-        return waiting
-
-    def _remove(self, lookup_id: int) -> _WaitingLookup | None:
-        """Remove it as `_take`, which holds the lock and then cancels its rows and its timer."""
+        """Remove a waiting lookup; the caller cancels its rows and its timer. None: another caller
+        has it. Requires the lock."""
         waiting = self._waiting.pop(lookup_id, None)
         if waiting is None:
             return None
@@ -294,18 +284,22 @@ class Waiters:
     def _finish(self, lookup_id: int) -> None:
         """Reply to a lookup that has waited, if this was the last one of its request. Never raises:
         an error is the reply."""
-        if waiting := self._take(lookup_id):
-            try:
-                rows = waiting.rows.result(
-                    time.monotonic() - waiting.since_s,
-                    waiting.lookup.errors,
-                    waiting.request.budget,
-                )
-                waiting.request.settle(waiting.index, rows)
-            except Exception as error:
-                if not isinstance(error, TransformException):
-                    log.exception("internal error while replying to a lookup that has waited")
-                waiting.request.fail(error)
+        with self._lock:
+            waiting = self._take(lookup_id)
+        if waiting is None:
+            return
+        waiting.rows.cancel()
+        if waiting.timer is not None:
+            self._loop.call_soon_threadsafe(waiting.timer.cancel)
+        try:
+            rows = waiting.rows.result(
+                time.monotonic() - waiting.since_s, waiting.lookup.errors, waiting.request.budget
+            )
+            waiting.request.settle(waiting.index, rows)
+        except Exception as error:
+            if not isinstance(error, TransformException):
+                log.exception("internal error while replying to a lookup that has waited")
+            waiting.request.fail(error)
 
     def _start_timer(self, lookup_id: int, timeout_s: float) -> None:
         with self._lock:  # `_take` sees the timer, or the lookup is gone and gets none
