@@ -208,10 +208,14 @@ class Outgoing:
                 known = newest.get(name)
                 if known is None or known[1] <= stamp_ns:
                     newest[name] = (names[parent], stamp_ns, pose)
-        if newest:
-            items = list(newest.items())
-            for begin in range(0, len(items), _MAX_ROWS):
-                self._publish("tf", dict(items[begin : begin + _MAX_ROWS]))
+        if not newest or not any(peer.has_listeners for peer in self._peers["tf"]):
+            return
+        items = list(newest.items())
+        for begin in range(0, len(items), _MAX_ROWS):
+            found = _Encoded(dict(items[begin : begin + _MAX_ROWS]))
+            self._count_left_out("tf", found)
+            if found.count:
+                self._put("tf", found)
 
     # --- static links
 
@@ -246,14 +250,6 @@ class Outgoing:
         return found
 
     # --- both
-
-    def _publish(self, topic: str, rows: dict[str, _Row]) -> None:
-        if not any(peer.has_listeners for peer in self._peers[topic]):
-            return
-        found = _Encoded(rows)
-        self._count_left_out(topic, found)
-        if found.count:
-            self._put(topic, found)
 
     def _count_left_out(self, topic: str, found: _Encoded) -> None:
         if found.refusal is not None:
