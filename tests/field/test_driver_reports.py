@@ -7,7 +7,9 @@ import math
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from tests.field.test_doctor_reports import Row, found
@@ -15,7 +17,9 @@ from tests.recordings.files import Log, write
 from tests.support import command_line
 from zenoh_tf import (
     BackwardExtrapolationException,
+    ConnectivityException,
     ForwardExtrapolationException,
+    LookupException,
     StampedTransform,
     Transform,
     TransformException,
@@ -222,3 +226,66 @@ def test_a_queue_that_is_shorter_than_the_delay(queue_size: int, late: int, hear
     assert len(errors) == (0 if heard else 20 - queue_size)
     for text in errors:
         assert "it must hold as many as come while a transform is late" in text
+
+
+@pytest.mark.parametrize("static_first", [True, False])
+def test_a_link_that_is_static_after_a_clear(static_first: bool) -> None:
+    """ros2/geometry2#150: a lookup failed if the link had been moving before."""
+    buffer = tf2.Buffer()
+    there = tf2.TransformStamped(tf2.Header(tf2.Time(nanoseconds=S), "foo"), "bar")
+    there.transform.rotation.w = 1.0
+    add = buffer.set_transform_static if static_first else buffer.set_transform
+    add(there, "one")
+    buffer.clear()
+    buffer.set_transform_static(there, "one")
+    for stamp in (tf2.Time(), tf2.Time(nanoseconds=7 * S)):
+        assert buffer.lookup_transform("foo", "bar", stamp).transform == there.transform
+
+
+@pytest.mark.parametrize("turn_rad", [math.pi / 2, -math.pi / 2, 0.3])
+def test_a_covariance_turns_with_its_pose(turn_rad: float) -> None:
+    """ros2/geometry2#372, #431: it was copied."""
+    pose = SimpleNamespace(
+        pose=SimpleNamespace(
+            position=tf2.Point(x=1.0), orientation=tf2.Quaternion(0.0, 0.0, 0.0, 1.0)
+        ),
+        covariance=np.diag([4.0, 1.0, 0.0, 0.0, 0.0, 9.0]).ravel().tolist(),
+    )
+    header = tf2.Header(tf2.Time(nanoseconds=S), "base")
+    turn = tf2.TransformStamped(tf2.Header(tf2.Time(nanoseconds=S), "map"), "base")
+    turn.transform.rotation = tf2.Quaternion(
+        0.0, 0.0, math.sin(turn_rad / 2), math.cos(turn_rad / 2)
+    )
+    message = SimpleNamespace(header=header, pose=pose)
+    turned = tf2.do_transform_pose_with_covariance_stamped(message, turn).pose
+    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+    by_hand = np.array([[cos, -sin], [sin, cos]])
+    expected = by_hand @ np.diag([4.0, 1.0]) @ by_hand.T
+    covariance = np.array(turned.covariance).reshape(6, 6)
+    assert covariance[:2, :2].ravel().tolist() == pytest.approx(expected.ravel().tolist())
+    assert covariance[5, 5] == pytest.approx(9)
+
+
+@pytest.mark.parametrize("prefix", ["robot1", "uav_2"])
+def test_a_prefix_without_its_slash(prefix: str) -> None:
+    """ros/robot_state_publisher#139: a state publisher that writes robot1base_link, below the
+    robot1/base_link of the odometry."""
+    tree = moving(time.time_ns(), f"{prefix}/odom", f"{prefix}/base_link")
+    put(tree, f"{prefix}base_link", f"{prefix}lidar", time.time_ns())
+    with pytest.raises(LookupException, match=f"did you mean '{prefix}lidar'"):
+        tree.lookup_transform(f"{prefix}/odom", f"{prefix}/lidar")
+    with pytest.raises(ConnectivityException) as caught:
+        tree.lookup_transform(f"{prefix}/odom", f"{prefix}lidar")
+    assert f"their roots are '{prefix}/odom' and '{prefix}base_link'" in str(caught.value)
+
+
+@pytest.mark.parametrize("prefix", ["", "uav1/"])
+def test_trees_of_an_autopilot_that_nothing_joins(prefix: str) -> None:
+    """mavlink/mavros#1293, #1388: the driver's odom -> odom_ned and base_link -> base_link_frd, and
+    a localisation with other names."""
+    tree = moving(time.time_ns(), f"{prefix}map", f"{prefix}fcu")
+    put(tree, f"{prefix}odom", f"{prefix}odom_ned", S)
+    with pytest.raises(ConnectivityException, match="their roots are"):
+        tree.lookup_transform(f"{prefix}odom_ned", f"{prefix}fcu")
+    (advice,) = tree.explain(f"{prefix}odom_ned", f"{prefix}fcu").advice
+    assert advice.startswith("Publish the link that joins them")

@@ -90,3 +90,33 @@ def test_names_with_a_slash_in_front(tf: TransformClient, peer: Peer, slash: str
     peer.send(robot, [(f"{slash}odom", f"{slash}base", time.time_ns(), AHEAD)])
     peer.send_static(robot, [("base", "camera", 1, AHEAD)])
     assert position(tf, f"{robot}/odom", f"{robot}/camera") == [2.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("names", [("odom", "base_link"), ("{}/odom", "{}/base_link")])
+def test_frames_that_have_their_namespace_already(
+    tf: TransformClient, peer: Peer, names: tuple[str, str]
+) -> None:
+    """iRobotEducation/create3_sim#211: the simulator's wheels write robot1/odom on /robot1/tf, and
+    its state publisher base_link."""
+    robot = f"create{len(names[0])}"
+    parent, child = (name.format(robot) for name in names)
+    peer.node(robot, robot)
+    peer.send(robot, [(parent, child, time.time_ns(), AHEAD)])
+    peer.send_static(robot, [("base_link", "lidar", 1, AHEAD)])
+    assert position(tf, f"{robot}/odom", f"{robot}/lidar") == [2.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("cameras", [("left", "right"), ("rgb", "stereo_0")])
+def test_mounts_that_are_sent_again_as_another_tree(
+    tf: TransformClient, peer: Peer, cameras: tuple[str, str]
+) -> None:
+    """luxonis/depthai-ros#619: nominal mounts, and 10 s later those of the calibration, with other
+    parents."""
+    one, two = cameras
+    robot = f"oak_{one}"
+    peer.node(robot, robot)
+    peer.send_static(robot, [("oak", one, 1, AHEAD), ("oak", two, 1, AHEAD)])
+    assert position(tf, f"{robot}/oak", f"{robot}/{one}") == [1.0, 0.0, 0.0]
+    peer.send_static(robot, [("oak", two, 2, (3.0, *AHEAD[1:])), (two, one, 2, AHEAD)])
+    wait_until(lambda: tf.parent(f"{robot}/{one}") == f"{robot}/{two}")
+    assert position(tf, f"{robot}/oak", f"{robot}/{one}") == [4.0, 0.0, 0.0]
