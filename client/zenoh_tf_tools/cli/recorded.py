@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from zenoh_tf import LimitExceeded, TransformTree
+from zenoh_tf import ConnectivityException, LimitExceeded, LookupException, TransformTree
 from zenoh_tf.recordings import (
     MAX_MEMORY_BYTES,
     OPTIONS,
@@ -193,12 +193,16 @@ def warn(recording: Recording) -> None:
         print(f"zenoh-tf: {printable(warning)}", file=sys.stderr)
 
 
-def warn_of_statics(args: argparse.Namespace, tree: TransformTree) -> None:
-    """Print on stderr why frames may be missing, if the recording has no static link."""
-    if any(tree.frame(name).static for name in tree.frames()):
-        return
-    print(
-        f"zenoh-tf: {printable(str(args.file))} has no static links; of a recording in parts "
-        "often only the first has them: give the folder, or record /tf_static, too",
-        file=sys.stderr,
-    )
+@contextmanager
+def noting_statics(tree: TransformTree) -> Iterator[None]:
+    """Adds to the error of a lookup that its recording has no static links, as one reason why
+    frames are missing."""
+    try:
+        yield
+    except (LookupException, ConnectivityException) as error:
+        if not any(tree.frame(name).static for name in tree.frames()):
+            error.add_note(
+                "the recording has no static links: if it is in parts, often only the first one "
+                "has them, so give the folder"
+            )
+        raise

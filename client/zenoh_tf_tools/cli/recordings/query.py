@@ -11,14 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from zenoh_tf import (
-    ConnectivityException,
-    LookupException,
-    StampedTransform,
-    TransformArray,
-    TransformTree,
-    export,
-)
+from zenoh_tf import StampedTransform, TransformArray, TransformTree, export
 from zenoh_tf.recordings import MAX_MEMORY_BYTES
 from zenoh_tf.text import quoted
 from zenoh_tf.text.flag_values import size, whole
@@ -88,11 +81,8 @@ def _query(args: argparse.Namespace) -> int:
     if args.target is None:
         _print_frames(args, tree, range_ns)
         return 0
-    try:
+    with recorded.noting_statics(tree):
         served = _range(tree, args.target, args.source)
-    except (LookupException, ConnectivityException):
-        recorded.warn_of_statics(args, tree)
-        raise
     times = _times(args, range_ns or (0, 0), served)
     pair, max_gap_s = (args.target, args.source), args.max_gap_s
     array = tree.sample(*pair, times, max_gap_s=max_gap_s)

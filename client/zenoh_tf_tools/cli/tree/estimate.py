@@ -104,7 +104,8 @@ def _estimate(args: argparse.Namespace) -> int:
             _answer(args, tf, stamp_ns)
     else:
         tree, stamp_ns = _known_tree(args)
-        _answer(args, tree, stamp_ns)
+        with recorded.noting_statics(tree):
+            _answer(args, tree, stamp_ns)
     return 0
 
 

@@ -88,7 +88,8 @@ def tree_at(
     else:
         at = recorded.time_at(args, recorded_time)
         tree, range_ns = recorded.loaded(args)
-        yield tree, at and recorded.stamp_ns("--at", at, range_ns or (0, 0), 0, inside=inside)
+        with recorded.noting_statics(tree):
+            yield tree, at and recorded.stamp_ns("--at", at, range_ns or (0, 0), 0, inside=inside)
 
 
 def _lookup(args: argparse.Namespace) -> int:
