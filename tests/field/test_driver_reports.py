@@ -45,10 +45,14 @@ def moving(newest_ns: int, parent: str = "odom", child: str = "base") -> Transfo
     return tree
 
 
-@pytest.mark.parametrize("boot_s", [3484.289833850, 1795.8, 20.0, 40 * 86_400.5])
+@pytest.mark.parametrize(
+    "boot_s",
+    [3484.289833850, 1795.8, 20.0, 40 * 86_400.5, 315_965_245.05],
+)
 def test_a_sensor_that_counts_from_its_start(boot_s: float) -> None:
     """ouster-lidar/ouster-sdk#1, #74, #214, Livox-SDK/livox_ros_driver#2: clouds whose stamps are
-    the seconds since the sensor's start, beside transforms of the real clock."""
+    the seconds since the sensor's start, beside transforms of the real clock;
+    LORD-MicroStrain/microstrain_inertial#376: from 1980, where GPS begins."""
     now_ns, boot_ns = time.time_ns(), round(boot_s * S)
     with pytest.raises(BackwardExtrapolationException) as caught:
         moving(now_ns).lookup_transform("odom", "base", boot_ns)

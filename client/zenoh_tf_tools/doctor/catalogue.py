@@ -180,7 +180,8 @@ CATALOGUE: Final = (
         "Samples come after newer ones of the same link. A server sorts them in, but a lookup "
         "in between has seen a history without them.",
         "Send the samples of one link over one connection and from one thread, in the order of "
-        "their stamps.",
+        "their stamps. If it was once, a clock was set back: let chrony step it before the drivers "
+        "start, and slew it from then on.",
         clocks.backwards,
     ),
     Fault(

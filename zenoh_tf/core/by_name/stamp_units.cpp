@@ -13,6 +13,8 @@ namespace {
 constexpr double kNsPerSecond = 1e9, kMinute = 60e9, kHour = 3600e9, kDay = 24 * kHour;
 // Stamps after 1973 are of a real clock.
 constexpr Stamp kReal = 100'000'000'000'000'000;
+// Sensors without a clock count from 1970, or from 1980 as GPS does. This is in 2001.
+constexpr Stamp kSensor = 1'000'000'000'000'000'000;
 // How far a stamp of simulated time may be from the others, if it is read in another unit. A stamp
 // farther than a day from a real clock counts as of another one.
 constexpr double kSimulatedMargin = 60e9, kRealMargin = kDay;
@@ -61,12 +63,13 @@ std::string unit_hint(Stamp stamp, Stamp oldest, Stamp newest) {
     const char* unit = other_unit(stamp, oldest, newest);
     if (!unit) unit = other_unit(stamp, now, now);
     if (unit) return looks_like(stamp, unit);
-    return 0 < stamp && stamp < kReal ? "that is " + of_its_own_clock(stamp) : "";
-  }
-  if (stamp > kReal && newest % 1000 != 0)  // as of unit_warning
+  } else if (stamp > kReal && newest % 1000 != 0) {  // as of unit_warning
     if (const char* const unit = other_unit(newest, stamp, stamp))
       return "the link's newest stamp of " + looks_like(newest, unit);
-  if (stamp > kReal && newest > 0) return "the link's newest stamp is " + of_its_own_clock(newest);
+  }
+  if (0 < stamp && stamp < kSensor && kSensor < newest) return "that is " + of_its_own_clock(stamp);
+  if (0 < newest && newest < kSensor && kSensor < stamp)
+    return "the link's newest stamp is " + of_its_own_clock(newest);
   return "";
 }
 
