@@ -26,6 +26,8 @@ from zenoh_tf import (
     TransformTree,
     tf2,
 )
+from zenoh_tf._core import TransformRows
+from zenoh_tf_tools.doctor import RecordedFacts, diagnose
 
 S = 10**9
 #: When the recordings are of.
@@ -294,3 +296,21 @@ def test_trees_of_an_autopilot_that_nothing_joins(prefix: str) -> None:
         tree.lookup_transform(f"{prefix}odom_ned", f"{prefix}fcu")
     (advice,) = tree.explain(f"{prefix}odom_ned", f"{prefix}fcu").advice
     assert advice.startswith("Publish the link that joins them")
+
+
+@pytest.mark.parametrize("back_s", [4294.967296, 86_400.0])
+def test_a_clock_that_begins_again(back_s: float) -> None:
+    """seqsense/urg_stamped#200, ros2/rosbag2#2094: a counter of microseconds in 32 bits, and a
+    recording of the day before. What is dropped has advice for a file as well."""
+    facts = RecordedFacts()
+    for number in range(200):
+        arrival_s = WALL_S + number / 20
+        stamp_s = arrival_s - (back_s if number >= 100 else 0)
+        rows = TransformRows.of_tuples(
+            [("odom", "base", round(stamp_s * S), (number / 20, 0, 0, 0, 0, 0, 1))]
+        )
+        facts.add(round((arrival_s + 0.01) * S), "/tf", False, rows)
+    (finding,) = [each for each in diagnose(facts.facts()) if each.fault.id == "TF204"]
+    assert finding.evidence.startswith("100 transforms were older")
+    assert "which a recording does not have" in finding.fault.remedy
+    assert "its clock was set back" in finding.fault.remedy

@@ -131,7 +131,9 @@ CATALOGUE: Final = (
         "transforms older than the cache",
         "They arrived later than the cache time after newer ones of the same link, and were "
         "dropped. A second publisher has another clock, or a recording is played again.",
-        "Find their publisher in the `dropped` column of `zenoh-tf authorities`.",
+        "Find their publisher in the `dropped` column of `zenoh-tf authorities`, which a recording "
+        "does not have. If there is only one, its clock was set back: repair it, or let "
+        "`--time-jump clear` begin again.",
         clocks.too_old,
     ),
     Fault(
