@@ -51,6 +51,22 @@ TEST(names_spread_over_the_slots_of_a_table) {
   CHECK(upper_collisions > 2300 && upper_collisions < 3300);
 }
 
+TEST(numbered_names_spread_with_every_seed) {
+  constexpr std::size_t kNames = 1000, kSlots = 2048;
+  for (const char* const series : {"frame", "robot_1/link_", "a"})
+    for (std::uint64_t seed = 1; seed <= 1000; ++seed) {
+      const NameHash hash(seed * 0x9e3779b97f4a7c15, seed * 0xd1342543de82ef95);
+      std::vector<bool> lower(kSlots), upper(kSlots);
+      std::size_t taken = 0;
+      for (std::size_t n = 0; n < kNames; ++n) {
+        const std::uint64_t value = hash(series + std::to_string(n));
+        taken += lower[value % kSlots] + upper[(value >> 32) % kSlots];
+        lower[value % kSlots] = upper[(value >> 32) % kSlots] = true;
+      }
+      CHECK(taken < 540);  // by chance 418, give or take 17
+    }
+}
+
 TEST(each_table_hashes_with_a_seed_of_its_own) { CHECK(NameHash()("map") != NameHash()("map")); }
 
 TEST(several_names_are_found_as_each_by_itself) {

@@ -1,6 +1,8 @@
 // A seeded hash of names.
 //
-// It multiplies words of the name and folds both halves of the product into one, as wyhash does. A
+// It multiplies words of the name and folds both halves of the product into one, as wyhash does.
+// The last product is multiplied once more: else one seed in a hundred gives numbered names, such
+// as link_0 to link_999, three times as many collisions, and one in a thousand a hundred times. A
 // name of usual length takes a few cycles. Each table has a random seed, so that nobody can prepare
 // names that all fall into one slot.
 //
@@ -47,7 +49,9 @@ class NameHash {
       a = word_at<std::uint8_t>(at);
       b = word_at<std::uint8_t>(at + left / 2) | word_at<std::uint8_t>(at + left - 1) << 8;
     }
-    return folded(a ^ hash, b ^ mix_);
+    const Product last = product(a ^ hash, b ^ mix_);
+    return folded(static_cast<std::uint64_t>(last) ^ seed_,
+                  static_cast<std::uint64_t>(last >> 64) ^ mix_);
   }
 
  private:
@@ -56,9 +60,11 @@ class NameHash {
   static std::uint64_t random64(std::random_device& random) {
     return std::uint64_t{random()} << 32 | random();
   }
+  __extension__ using Product = unsigned __int128;
+  static Product product(std::uint64_t a, std::uint64_t b) noexcept { return Product{a} * b; }
   static std::uint64_t folded(std::uint64_t a, std::uint64_t b) noexcept {
-    __extension__ const auto product = static_cast<unsigned __int128>(a) * b;
-    return static_cast<std::uint64_t>(product >> 64) ^ static_cast<std::uint64_t>(product);
+    const Product both = product(a, b);
+    return static_cast<std::uint64_t>(both >> 64) ^ static_cast<std::uint64_t>(both);
   }
 
   std::uint64_t seed_, mix_;
