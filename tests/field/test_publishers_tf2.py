@@ -38,10 +38,11 @@ def link(parent: str, child: str, sec: int, x: float) -> tf2.TransformStamped:
 
 def listener(name: str, buffer: tf2.BufferInterface) -> tf2.TransformListener:
     """As the scripts make theirs."""
+    node = SimpleNamespace(get_name=lambda: "calibration")
     if name == "a class of its own":
-        return tf2.StaticTransformListener(buffer, object(), spin_thread=True, static_qos=10)
+        return tf2.StaticTransformListener(buffer, node, spin_thread=True, static_qos=10)
     if name == "a flag":
-        return tf2.TransformListener(buffer, object(), spin_thread=True, static_only=True)
+        return tf2.TransformListener(buffer, node, spin_thread=True, static_only=True)
     return tf2.TransformListener(buffer, None, tf_topic="/tf", tf_static_topic="tf_static")
 
 
