@@ -130,9 +130,18 @@ class InvalidArgumentException(TransformException, ValueError):
     code = 4
 
 
+class WrongType(InvalidArgumentException, TypeError):
+    """An argument, or a field of a message, has a wrong type. Also Python's own TypeError."""
+
+
 def must_be(field: str, expected: str, value: object) -> InvalidArgumentException:
     """The error of an argument that is not as expected."""
     return InvalidArgumentException(f"{field} must be {expected}, not {value!r}", field=field)
+
+
+def must_be_str(field: str, value: object) -> WrongType:
+    """The error of an argument that is no str."""
+    return WrongType(f"{field} must be a str, not {type(value).__name__}", field=field)
 
 
 class TimeoutException(TransformException, TimeoutError):
@@ -263,7 +272,7 @@ MAY_SUCCEED_LATER: Final = (LookupException, ConnectivityException, Extrapolatio
 BY_CODE: dict[int, type[TransformException]] = {
     kind.code: kind
     for kind in [*globals().values()]
-    if isinstance(kind, type) and issubclass(kind, TransformException)
+    if isinstance(kind, type) and issubclass(kind, TransformException) and "code" in vars(kind)
 }
 
 __all__ = ["BY_CODE", "FACTS", *(kind.__name__ for kind in BY_CODE.values())]

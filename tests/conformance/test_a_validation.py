@@ -7,6 +7,8 @@ what is wrong and for which frames.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -148,3 +150,25 @@ def test_A10_old_data(tf: Tree) -> None:
     assert (refused.value.frame, refused.value.stamp_ns) == ("c", ns(89))
     assert "other" not in tf.frames()
     assert tf.frame("c").samples == 2
+
+
+@pytest.mark.parametrize("wrong", [None, 3, b"map"])
+def test_A11_what_is_no_name_is_named(tf: Tree, wrong: Any) -> None:
+    """Also Python's own TypeError, as of tf2."""
+    put(tf, "map", "base", 1.0)
+    calls: list[tuple[str, Callable[[], object]]] = [
+        ("target_frame", lambda: tf.lookup_transform(wrong, "base")),
+        ("source_frame", lambda: tf.lookup_latest_transform("map", wrong)),
+        ("fixed_frame", lambda: tf.lookup_transform_full("map", None, "base", None, wrong)),
+        ("tracking_frame", lambda: tf.lookup_velocity(wrong, "map")),
+        ("target_frame", lambda: tf.explain(wrong, "base")),
+        ("frame", lambda: tf.frame(wrong)),
+        ("frame", lambda: tf.parent(wrong)),
+        ("source_frame", lambda: tf.chain("map", wrong)),
+        ("name", lambda: tf.remove_frame(wrong)),
+    ]
+    for field, call in calls:
+        with pytest.raises(InvalidArgumentException, match=f"^{field} must be a str, not") as error:
+            call()
+        assert error.value.field == field
+        assert isinstance(error.value, TypeError)

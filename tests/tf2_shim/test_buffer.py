@@ -197,6 +197,8 @@ def test_what_has_a_wrong_type_is_named(buffer: tf2.Buffer) -> None:
     calls: list[tuple[Callable[..., Any], tuple[Any, ...], str]] = [
         (buffer.lookup_transform, ("map", "base", None), "time"),
         (buffer.can_transform, ("map", "base", None), "time"),
+        (buffer.can_transform, (None, "base", LATEST), "target_frame"),
+        (buffer.can_transform_full, ("map", at(1), "base", at(1), 3), "fixed_frame"),
         (buffer.lookup_transform_full, ("map", at(1), "base", "now", "map"), "source_time"),
         (buffer.lookup_transform, ("map", "base", LATEST, "long"), "timeout"),
         (buffer.set_transform, (tf2.TransformStamped(late, "base"), ""), "header.stamp"),

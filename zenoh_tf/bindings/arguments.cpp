@@ -11,9 +11,10 @@ nb::object bytes_of(const std::optional<std::string>& data) {
 }
 
 std::string_view text_of(nb::handle name, const char* field) {
+  if (!PyUnicode_Check(name.ptr())) [[unlikely]]
+    raise(nb::module_::import_("zenoh_tf.errors").attr("must_be_str")(field, name));
   Py_ssize_t size = 0;
-  const char* text =
-      PyUnicode_Check(name.ptr()) ? PyUnicode_AsUTF8AndSize(name.ptr(), &size) : nullptr;
+  const char* const text = PyUnicode_AsUTF8AndSize(name.ptr(), &size);
   if (!text) {
     PyErr_Clear();
     raise_invalid(std::string(field) + " must be a str that UTF-8 can encode", field);

@@ -116,6 +116,8 @@ nb::str str_of(std::string_view text);
 inline std::string_view view_of(const nb::bytes& data) { return {data.c_str(), data.size()}; }
 // None of nullopt.
 nb::object bytes_of(const std::optional<std::string>& data);
+// An argument for text_of(), which says what it must be. So it comes to it if it is None, too.
+inline auto name_arg(const char* name) { return nb::arg(name).none(); }
 // A str's UTF-8; valid as long as the str.
 std::string_view text_of(nb::handle name, const char* field);
 // The same, of a name that a frame may have; raises for others.

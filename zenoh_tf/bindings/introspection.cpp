@@ -307,19 +307,19 @@ nb::tuple take_events(Tree& tree) {
 template <class T>
 void bind_introspection(nb::class_<T>& tree) {
   tree.def("frames", method<&frames<T>>, ZTF_DOC(Reads_frames))
-      .def("parent", method<&parent<T>>, ZTF_DOC(Reads_parent), nb::arg("frame"),
+      .def("parent", method<&parent<T>>, ZTF_DOC(Reads_parent), name_arg("frame"),
            nb::arg("stamp_ns").none() = nb::none())
-      .def("chain", method<&chain_of<T>>, ZTF_DOC(Reads_chain), nb::arg("target"),
-           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none())
+      .def("chain", method<&chain_of<T>>, ZTF_DOC(Reads_chain), name_arg("target"),
+           name_arg("source"), nb::arg("stamp_ns").none() = nb::none())
       .def("_startup_ns",
            [](const T& t) {
              const Startup startup = t.startup();
              return startup.is_over() ? nb::object(nb::none())
                                       : nb::make_tuple(startup.elapsed_ns, startup.left_ns);
            })
-      .def("_frame_record", method<&frame_record<T>>, nb::arg("name"))
-      .def("_ancestor_records", method<&ancestor_records<T>>, nb::arg("target"), nb::arg("source"),
-           nb::arg("stamp_ns").none() = nb::none());
+      .def("_frame_record", method<&frame_record<T>>, name_arg("name"))
+      .def("_ancestor_records", method<&ancestor_records<T>>, name_arg("target"),
+           name_arg("source"), nb::arg("stamp_ns").none() = nb::none());
   if constexpr (std::is_same_v<T, Tree>)
     tree.def("stats", &stats, ZTF_DOC(Tree_stats))
         .def("_frames_page", &frames_page, nb::arg("after"), nb::arg("most"), nb::arg("whole"),

@@ -169,10 +169,10 @@ void bind_writes(nb::class_<Tree>& tree) {
           [](Tree& t, nb::handle name, bool subtree) {
             remove_frame(t, name, subtree, kNeverExpires);
           },
-          ZTF_DOC(Tree_remove_frame), nb::arg("name"), nb::arg("subtree") = false)
+          ZTF_DOC(Tree_remove_frame), name_arg("name"), nb::arg("subtree") = false)
       .def("_clear", &clear, nb::arg("keep_static"), nb::arg("expires_ns"))
       .def("_reset", &reset, nb::arg("expires_ns"))
-      .def("_remove_frame", &remove_frame, nb::arg("name"), nb::arg("subtree"),
+      .def("_remove_frame", &remove_frame, name_arg("name"), nb::arg("subtree"),
            nb::arg("expires_ns"));
 }
 

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import zenoh_tf
 from zenoh_tf import StampedTransform
-from zenoh_tf.errors import InvalidArgumentException
+from zenoh_tf.errors import InvalidArgumentException, WrongType
 
-from .times import Duration, Time, WrongType, nanoseconds, stamp_ns, time_of
+from .times import Duration, Time, nanoseconds, stamp_ns, time_of
 
 M = TypeVar("M")
 

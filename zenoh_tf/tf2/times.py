@@ -11,17 +11,13 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from zenoh_tf.errors import InvalidArgumentException, must_be
+from zenoh_tf.errors import WrongType, must_be
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 _NS_PER_S = 1_000_000_000
 _MAX_S = 2**63 / _NS_PER_S
-
-
-class WrongType(InvalidArgumentException, TypeError):
-    """An argument, or a field of a message, has a wrong type. Also Python's own TypeError."""
 
 
 @dataclass(init=False, slots=True, order=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._core import TransformRows, Tree
-from ..errors import ProtocolError
+from ..errors import ProtocolError, must_be_str
 from .error_codec import raise_error
 from .fields import (
     F64,
@@ -104,6 +104,8 @@ class Commit:
 
 def commit_body(commit: Commit) -> Message:
     """The body of a commit. Fields with default values are left out."""
+    if not isinstance(commit.authority, str):
+        raise must_be_str("authority", commit.authority)
     parent, child, stamp, pose = commit.rows.columns()
     body: Message = {
         "v": 1,

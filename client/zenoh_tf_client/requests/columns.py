@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zenoh_tf import StampedTransform, _core, wire
-from zenoh_tf.errors import InvalidArgumentException, must_be
+from zenoh_tf.errors import InvalidArgumentException, must_be, must_be_str
 
 #: The largest stamp; the smallest is NO_STAMP + 1.
 _MAX_STAMP = -wire.NO_STAMP - 1
@@ -24,6 +24,13 @@ def at(target: str, source: str, stamp_ns: int | None) -> Row:
     if stamp_ns is None:
         return target, source, wire.OP_COMMON, wire.NO_STAMP
     return target, source, wire.OP_AT, stamp(stamp_ns)
+
+
+def name(value: str, field: str) -> str:
+    """Return the name of a frame. Raises WrongType, which names `field`, if it is no str."""
+    if not isinstance(value, str):
+        raise must_be_str(field, value)
+    return value
 
 
 def stamp(stamp_ns: int | None, field: str = "stamp_ns") -> int:

@@ -67,7 +67,7 @@ def frame(name: str) -> Request[FrameInfo]:
     def parse(reply: wire.Message) -> FrameInfo:
         return _frame_info(wire.parse_value(reply, dict))
 
-    return Call("info", wire.call_body("frame", frame=name), parse)
+    return Call("info", wire.call_body("frame", frame=columns.name(name, "frame")), parse)
 
 
 def ancestors(target: str, source: str, stamp_ns: int | None) -> Request[list[FrameInfo]]:
@@ -78,7 +78,7 @@ def ancestors(target: str, source: str, stamp_ns: int | None) -> Request[list[Fr
         return [_frame_info(record) for record in wire.parse_value(reply, list)]
 
     stamp = columns.optional_stamp(stamp_ns)
-    body = wire.call_body("ancestors", target=target, source=source, stamp_ns=stamp)
+    body = wire.call_body("ancestors", **_pair(target, source), stamp_ns=stamp)
     return Call("info", body, parse)
 
 
@@ -130,15 +130,19 @@ def _record(
 
 
 def parent(frame: str, stamp_ns: int | None = None) -> Request[str | None]:
-    return _info(
-        (str, type(None)), "parent", frame=frame, stamp_ns=columns.optional_stamp(stamp_ns)
-    )
+    name, stamp = columns.name(frame, "frame"), columns.optional_stamp(stamp_ns)
+    return _info((str, type(None)), "parent", frame=name, stamp_ns=stamp)
 
 
 def chain(target: str, source: str, stamp_ns: int | None = None) -> Request[list[str]]:
-    return _info(
-        list, "chain", target=target, source=source, stamp_ns=columns.optional_stamp(stamp_ns)
-    )
+    return _info(list, "chain", **_pair(target, source), stamp_ns=columns.optional_stamp(stamp_ns))
+
+
+def _pair(target: str, source: str) -> dict[str, str]:
+    return {
+        "target": columns.name(target, "target_frame"),
+        "source": columns.name(source, "source_frame"),
+    }
 
 
 def stats() -> Request[dict[str, int]]:

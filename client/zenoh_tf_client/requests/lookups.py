@@ -185,7 +185,7 @@ def lookup_transform_full(
 ) -> Rows[StampedTransform]:
     lookup = columns.lookup(target, source, None, wire.OP_FULL, 1)
     lookup.stamp = np.array([columns.stamp(target_stamp_ns, "target_stamp_ns")])
-    lookup.names.append(fixed_frame)
+    lookup.names.append(columns.name(fixed_frame, "fixed_frame"))
     lookup.fixed = np.array([len(lookup.names) - 1], np.uint32)
     lookup.source_stamp = np.array([columns.stamp(source_stamp_ns, "source_stamp_ns")])
     lookup.timeout_ns = timeout_ns(timeout_s)
@@ -296,8 +296,8 @@ def lookup_velocity(
         raise InvalidArgumentException(message, field="reference_point") from error
     body = wire.call_body(
         "velocity",
-        tracking_frame=tracking_frame,
-        observation_frame=observation_frame,
+        tracking_frame=columns.name(tracking_frame, "tracking_frame"),
+        observation_frame=columns.name(observation_frame, "observation_frame"),
         stamp_ns=columns.optional_stamp(stamp_ns),
         averaging_interval_ns=interval_ns(averaging_interval_s),
         reference_frame=reference_frame,

@@ -72,4 +72,4 @@ def reset() -> Request[None]:
 
 
 def remove_frame(name: str, subtree: bool = False) -> Request[None]:
-    return _admin("remove_frame", name=name, subtree=subtree)
+    return _admin("remove_frame", name=columns.name(name, "name"), subtree=subtree)

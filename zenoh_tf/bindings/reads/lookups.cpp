@@ -192,22 +192,25 @@ std::optional<Stamp> latest_common_time(const AnyTree& tree, nb::handle a, nb::h
 template <class T>
 void bind_lookups(nb::class_<T>& tree) {
   tree.def("lookup_transform", method<&lookup_at<T>>, ZTF_DOC(Reads_lookup_transform),
-           nb::arg("target"), nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(),
-           nb::arg("timeout_s") = 0.0, nb::kw_only(), nb::arg("max_gap_s").none() = nb::none())
+           name_arg("target"), name_arg("source"), nb::arg("stamp_ns").none() = nb::none(),
+           nb::arg("timeout_s").none() = 0.0, nb::kw_only(),
+           nb::arg("max_gap_s").none() = nb::none())
       .def("lookup_transform_full", method<&lookup_full<T>>, ZTF_DOC(Reads_lookup_transform_full),
-           nb::arg("target"), nb::arg("target_stamp_ns").none(), nb::arg("source"),
-           nb::arg("source_stamp_ns").none(), nb::arg("fixed_frame"), nb::arg("timeout_s") = 0.0,
-           nb::kw_only(), nb::arg("max_gap_s").none() = nb::none())
-      .def("can_transform", method<&can<T>>, ZTF_DOC(Reads_can_transform), nb::arg("target"),
-           nb::arg("source"), nb::arg("stamp_ns").none() = nb::none(), nb::arg("timeout_s") = 0.0)
+           name_arg("target"), nb::arg("target_stamp_ns").none(), name_arg("source"),
+           nb::arg("source_stamp_ns").none(), name_arg("fixed_frame"),
+           nb::arg("timeout_s").none() = 0.0, nb::kw_only(),
+           nb::arg("max_gap_s").none() = nb::none())
+      .def("can_transform", method<&can<T>>, ZTF_DOC(Reads_can_transform), name_arg("target"),
+           name_arg("source"), nb::arg("stamp_ns").none() = nb::none(),
+           nb::arg("timeout_s").none() = 0.0)
       .def("lookup_latest_transform", method<&latest<Op::latest, T>>,
-           ZTF_DOC(Reads_lookup_latest_transform), nb::arg("target"), nb::arg("source"))
+           ZTF_DOC(Reads_lookup_latest_transform), name_arg("target"), name_arg("source"))
       .def("lookup_latest_transform_xact", method<&latest<Op::latest_xact, T>>,
-           ZTF_DOC(Reads_lookup_latest_transform_xact), nb::arg("target"), nb::arg("source"))
+           ZTF_DOC(Reads_lookup_latest_transform_xact), name_arg("target"), name_arg("source"))
       .def("lookup_latest_transforms_xact", method<&latest_all<T>>,
            ZTF_DOC(Reads_lookup_latest_transforms_xact), nb::arg("pairs"))
       .def("latest_common_time", method<&latest_common_time<T>>, ZTF_DOC(Reads_latest_common_time),
-           nb::arg("a"), nb::arg("b"));
+           name_arg("a"), name_arg("b"));
 }
 template void bind_lookups(nb::class_<Tree>&);
 template void bind_lookups(nb::class_<SharedTree>&);

@@ -11,19 +11,9 @@ namespace ztf {
 namespace {
 
 nb::object pack_lookup(nb::handle target, nb::handle source, std::uint8_t op, Stamp stamp) {
-  std::string_view names[2];
-  const nb::handle given[2] = {target, source};
-  for (int i = 0; i < 2; ++i) {
-    Py_ssize_t size = 0;
-    const char* const text =
-        PyUnicode_Check(given[i].ptr()) ? PyUnicode_AsUTF8AndSize(given[i].ptr(), &size) : nullptr;
-    if (!text) {
-      PyErr_Clear();
-      return nb::none();
-    }
-    names[i] = {text, static_cast<std::size_t>(size)};
-  }
-  return bytes_of(pack_single_lookup({names[0], names[1], static_cast<Op>(op), stamp}));
+  const std::string_view target_name = text_of(target, "target_frame"),
+                         source_name = text_of(source, "source_frame");
+  return bytes_of(pack_single_lookup({target_name, source_name, static_cast<Op>(op), stamp}));
 }
 
 nb::object reply_to_lookup(const Tree& tree, const nb::bytes& message, std::string_view instance) {
@@ -52,7 +42,7 @@ nb::object parse_answer(const nb::bytes& reply, std::string_view instance) {
 }  // namespace
 
 void bind_single_lookup(nb::module_& m) {
-  m.def("pack_single_lookup", &pack_lookup, nb::arg("target"), nb::arg("source"), nb::arg("op"),
+  m.def("pack_single_lookup", &pack_lookup, name_arg("target"), name_arg("source"), nb::arg("op"),
         nb::arg("stamp_ns"));
   m.def("reply_to_lookup", &reply_to_lookup, nb::arg("tree"), nb::arg("message"),
         nb::arg("instance"));

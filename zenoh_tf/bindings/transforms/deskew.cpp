@@ -124,7 +124,7 @@ void bind_deskew(nb::module_& m) {
 template <class T>
 void bind_deskew(nb::class_<T>& tree) {
   tree.def("_deskew", method<&deskew_by_tree<T>>, nb::arg("points"), nb::arg("stamps_ns"),
-           nb::arg("out"), nb::arg("source"), nb::arg("fixed_frame"), nb::arg("at_ns"),
+           nb::arg("out"), name_arg("source"), name_arg("fixed_frame"), nb::arg("at_ns"),
            nb::arg("max_gap_ns") = kNoGapLimit);
 }
 template void bind_deskew(nb::class_<Tree>&);

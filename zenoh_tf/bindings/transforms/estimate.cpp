@@ -95,10 +95,10 @@ EstimateQuery estimate_query(nb::handle stamp, Stamp now, double level, Stamp ma
 
 template <class T>
 void bind_estimate(nb::class_<T>& tree) {
-  tree.def("_estimate_record", method<&estimate_record<T>>, nb::arg("target_frame"),
-           nb::arg("source_frame"), nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"),
-           nb::arg("max_by_ns"), nb::arg("radius_m"));
-  tree.def("_estimate", method<&estimate<T>>, nb::arg("target_frame"), nb::arg("source_frame"),
+  tree.def("_estimate_record", method<&estimate_record<T>>, name_arg("target_frame"),
+           name_arg("source_frame"), nb::arg("stamp_ns").none(), nb::arg("now_ns"),
+           nb::arg("level"), nb::arg("max_by_ns"), nb::arg("radius_m"));
+  tree.def("_estimate", method<&estimate<T>>, name_arg("target_frame"), name_arg("source_frame"),
            nb::arg("stamp_ns").none(), nb::arg("now_ns"), nb::arg("level"), nb::arg("max_by_ns"),
            nb::arg("radius_m"));
   tree.def("_set_motion_limits", &set_motion_limits<T>, nb::arg("child"), nb::arg("speed"),

@@ -58,7 +58,7 @@ void bind_stamped_transform(nb::module_& m) {
             new (self) StampedTransform(make_stamped(parent, child, stamp, transform));
             self->gap = gap;
           },
-          nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns").none(),
+          name_arg("parent_frame"), name_arg("child_frame"), nb::arg("stamp_ns").none(),
           nb::arg("transform"), nb::kw_only(), nb::arg("gap_ns") = 0)
       .def_ro("parent_frame", &StampedTransform::parent_frame,
               ZTF_PROPERTY_DOC(StampedTransform_parent_frame))
@@ -106,7 +106,7 @@ void bind_latest_transform(nb::module_& m) {
             new (self) LatestTransform{make_stamped(parent, child, stamp, transform),
                                        stamp_of(newest, "newest_stamp_ns")};
           },
-          nb::arg("parent_frame"), nb::arg("child_frame"), nb::arg("stamp_ns"),
+          name_arg("parent_frame"), name_arg("child_frame"), nb::arg("stamp_ns"),
           nb::arg("transform"), nb::arg("newest_stamp_ns"))
       .def_ro("newest_stamp_ns", &LatestTransform::newest,
               ZTF_PROPERTY_DOC(LatestTransform_newest_stamp_ns))

@@ -70,8 +70,8 @@ nb::dict velocity_record(const AnyTree& tree, nb::handle tracking, nb::handle ob
 
 template <class T>
 void bind_velocity(nb::class_<T>& tree) {
-  tree.def("_velocity_record", method<&velocity_record<T>>, nb::arg("tracking_frame"),
-           nb::arg("observation_frame"), nb::arg("stamp_ns").none(),
+  tree.def("_velocity_record", method<&velocity_record<T>>, name_arg("tracking_frame"),
+           name_arg("observation_frame"), nb::arg("stamp_ns").none(),
            nb::arg("averaging_interval_ns"), nb::arg("reference_frame").none(),
            nb::arg("reference_point"), nb::arg("reference_point_frame").none(),
            nb::arg("max_gap_ns") = kNoGapLimit);
