@@ -275,4 +275,4 @@ BY_CODE: dict[int, type[TransformException]] = {
     if isinstance(kind, type) and issubclass(kind, TransformException) and "code" in vars(kind)
 }
 
-__all__ = ["BY_CODE", "FACTS", *(kind.__name__ for kind in BY_CODE.values())]
+__all__ = ["BY_CODE", "FACTS", "WrongType", *(kind.__name__ for kind in BY_CODE.values())]
