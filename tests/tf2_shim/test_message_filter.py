@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.support.waiting import wait_until
-from zenoh_tf.errors import LimitExceeded, ServerUnavailable
+from zenoh_tf.errors import LimitExceeded, ServerUnavailable, WrongType
 from zenoh_tf.tf2 import Buffer, FilterFailureReason, MessageFilter, TransformFilter
 from zenoh_tf_client import tf2
 from zenoh_tf_client.client import TransformClient
@@ -149,7 +149,7 @@ REFUSED: list[tuple[tuple[float, ...], float, Any, str, type[Exception], str]] =
     ((100,), 50, "base", "OUT_THE_BACK", tf2.NoDataForExtrapolationException, "'base'"),
     ((100, 101), 50, "base", "OUT_THE_BACK", tf2.BackwardExtrapolationException, "'base'"),
     ((), 1, "", "EMPTY_FRAME_ID", tf2.InvalidArgumentException, "no frame"),
-    ((), 1, 5, "UNKNOWN", tf2.InvalidArgumentException, "must be a str"),
+    ((), 1, 5, "UNKNOWN", WrongType, "must be a str"),
     ((), 1, "/base", "UNKNOWN", tf2.InvalidArgumentException, "/base"),
 ]
 
