@@ -11,6 +11,7 @@ import contextlib
 import signal
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -27,6 +28,7 @@ from zenoh_tf.errors import (
     OutcomeUnknown,
     ReadOnlyReplica,
     ServerUnavailable,
+    TransactionConflict,
     TransformException,
 )
 from zenoh_tf_client import AsyncTransaction, AsyncTransformClient, Transaction, TransformClient
@@ -346,7 +348,13 @@ def test_no_write_is_lost_or_doubled_whatever_becomes_of_the_link(
 ) -> None:
     """The link is lost again and again. Each write is there once, or its outcome is not known."""
     moves = 300
-    done, unknown = [0], [0]
+    outcomes: Counter[type[Exception] | None] = Counter()
+
+    def count(error: Exception | None) -> None:
+        # Only a write whose outcome is not known yet may come between a read and its commit.
+        assert not isinstance(error, TransactionConflict) or outcomes[OutcomeUnknown]
+        outcomes[None if error is None else type(error)] += 1
+
     with primary.connect(20) as tf:
         tf.set_transform(StampedTransform("map", "count", 1, Transform()))
 
@@ -361,18 +369,18 @@ def test_no_write_is_lost_or_doubled_whatever_becomes_of_the_link(
             for _ in range(moves):
                 try:
                     tf.run_transaction(add, attempts=1)
-                    done[0] += 1
-                except OutcomeUnknown:
-                    unknown[0] += 1
+                    count(None)
+                except (OutcomeUnknown, TransactionConflict) as error:
+                    count(error)
 
     async def write_async() -> None:
         async with await AsyncTransformClient.connect(endpoints, timeout_s=20) as tf:
             for _ in range(moves):
                 try:
                     await tf.run_transaction(add_async, attempts=1)
-                    done[0] += 1
-                except OutcomeUnknown:
-                    unknown[0] += 1
+                    count(None)
+                except (OutcomeUnknown, TransactionConflict) as error:
+                    count(error)
 
     with TcpProxy(primary.endpoint) as proxy, concurrent.futures.ThreadPoolExecutor(1) as pool:
         endpoints = [proxy.endpoint, primary.endpoint]
@@ -385,5 +393,6 @@ def test_no_write_is_lost_or_doubled_whatever_becomes_of_the_link(
         writing.result()
     with primary.connect(20) as tf:
         x = tf.lookup_latest_transform("map", "count").transform.translation[0]
-    assert done[0] + unknown[0] == moves
-    assert done[0] <= x <= moves
+    assert outcomes.total() == moves and outcomes[None]
+    assert outcomes[None] <= x <= outcomes[None] + outcomes[OutcomeUnknown]
+    assert outcomes[TransactionConflict] <= outcomes[OutcomeUnknown]
