@@ -122,7 +122,7 @@ def test_a_clock_of_another_scale(off_s: float, words: str) -> None:
 )
 def test_stamps_without_nanoseconds(rate_hz: int, first_s: float | None, words: str) -> None:
     """Minipada/ros2_data_collection#308, HesaiTechnology/HesaiLidar_General_ROS#52,
-    cra-ros-pkg/robot_localization#852: the nanoseconds of a stamp are lost on the way."""
+    cra-ros-pkg/robot_localization#852: a driver loses the nanoseconds of its stamps."""
 
     def imu(number: int, time_s: float) -> Iterable[Row]:
         if number % (20 // rate_hz) == 0:
